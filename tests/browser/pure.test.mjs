@@ -243,6 +243,18 @@ test("numbers, times and ages as an instrument shows them", () => {
   assert.equal(format.age(240), "4 min");
   assert.deepEqual(format.nameAndUnit("torque_rate_Nm_per_s"), { words: "torque rate", unit: "Nm/s" });
   assert.deepEqual(format.nameAndUnit("turns"), { words: "turns", unit: "" });
+  assert.deepEqual(format.nameAndUnit("steady_K_per_min"), { words: "steady", unit: "K/min" });
+});
+
+test("every unit that a name of the bench file ends with is known", () => {
+  const source = readFileSync(new URL("../../src/motord/config/unit_suffixes.py", import.meta.url), "utf8");
+  const suffixes = [...source.matchAll(/"(\w+)": "/g)].map(([, suffix]) => suffix);
+  assert.ok(suffixes.length > 30);
+  for (const suffix of suffixes) {
+    const { words, unit } = format.nameAndUnit(`some_${suffix}`);
+    assert.equal(words, "some", suffix);
+    assert.notEqual(unit, "", suffix);
+  }
 });
 
 test("a quantity of a trip has its unit after the numbers", () => {

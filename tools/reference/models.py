@@ -11,32 +11,10 @@ from pydantic_core import PydanticUndefined
 from tools.reference.markdown import code, table
 
 from motord.attribute_docs import described
+from motord.config import unit_suffixes
 
-UNITS = {
-    "_Nm_per_s": "Nm/s",
-    "_Nm_per_V": "Nm/V",
-    "_V_per_count": "V/count",
-    "_V_s_per_rad": "V s/rad",
-    "_N_per_m": "N/m",
-    "_rad_s": "rad/s",
-    "_kg_m2": "kg m²",
-    "_kg": "kg",
-    "_percent": "%",
-    "_per_s": "1/s",
-    "_ppm": "ppm",
-    "_Hz": "Hz",
-    "_Nm": "Nm",
-    "_rad": "rad",
-    "_MB": "MB",
-    "_ns": "ns",
-    "_us": "µs",
-    "_s": "s",
-    "_m": "m",
-    "_A": "A",
-    "_V": "V",
-    "_C": "°C",
-}
-"""By the end of a name, the longest first."""
+SYMBOLS = {"us": "µs", "kg m2": "kg m²", "degC": "°C", "ohm": "Ω"}
+"""Of units, for people."""
 TYPES = {
     "string": "text",
     "integer": "whole number",
@@ -57,8 +35,9 @@ COUNTS = {"minItems": "at least {}", "maxItems": "at most {}", "maxLength": "at 
 
 def unit_of(name: str) -> str:
     """Return the unit that a name ends with, "" if it has none."""
-    name = re.sub(r"_(min|max|p50|p99)$", "", name)
-    return next((unit for end, unit in UNITS.items() if name.endswith(end)), "")
+    quantity = re.sub(r"_(min|max|p50|p99)$", "", name)
+    unit = unit_suffixes.unit_of(name) or unit_suffixes.unit_of(quantity)
+    return SYMBOLS.get(unit, unit)
 
 
 def fields(model: type[BaseModel], links: dict[str, str], values: BaseModel | None = None) -> str:

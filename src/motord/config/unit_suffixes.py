@@ -1,14 +1,15 @@
 """The unit of a quantity, by the end of its name: torque_Nm, speed_rad_s, ripple_percent."""
 
 UNITS = {
-    "A": "A", "mA": "mA", "V": "V", "W": "W", "J": "J", "Hz": "Hz", "C": "degC",
-    "s": "s", "ms": "ms", "us": "us", "ns": "ns", "per_s": "1/s",
+    "A": "A", "mA": "mA", "V": "V", "W": "W", "J": "J", "ohm": "ohm", "Hz": "Hz", "C": "degC",
+    "s": "s", "ms": "ms", "us": "us", "ns": "ns", "per_s": "1/s", "MB": "MB", "ppm": "ppm",
     "rad": "rad", "rad_s": "rad/s", "rad_s2": "rad/s2", "per_rad2": "1/rad2",
     "Nm": "Nm", "mNm": "mNm", "Nm_per_rad": "Nm/rad", "Nm_s_per_rad": "Nm s/rad",
-    "Nm_per_V": "Nm/V", "V_s_per_rad": "V s/rad",
+    "Nm_per_s": "Nm/s", "Nm_per_V": "Nm/V", "V_s_per_rad": "V s/rad", "V_per_count": "V/count",
     "m": "m", "kg": "kg", "kg_m2": "kg m2", "N_per_m": "N/m",
     "K": "K", "K_per_W": "K/W", "J_per_K": "J/K", "K_per_min": "K/min",
-    "percent": "%", "points": "encoder points", "counts": "counts",
+    "per_K": "1/K", "percent_per_K": "%/K", "percent": "%",
+    "points": "encoder points", "counts": "counts",
 }  # fmt: skip
 """Unit by suffix; the longest counts."""
 

@@ -11,6 +11,8 @@ from motord.config.unit_suffixes import UNITS, split_unit, unit_of
         ("stiffness_N_per_m", "stiffness", "N/m"), ("temperature_C", "temperature", "degC"),
         ("speed_rad_s", "speed", "rad/s"), ("a_rad_s2", "a", "rad/s2"), ("rests", "rests", ""),
         ("k_V_s_per_rad", "k", "V s/rad"), ("b_Nm_s_per_rad", "b", "Nm s/rad"),
+        ("resistance_per_K", "resistance", "1/K"), ("resistance_ohm", "resistance", "ohm"),
+        ("torque_rate_Nm_per_s", "torque_rate", "Nm/s"),
         ("ripple_percent", "ripple", "%"), ("Nm", "Nm", ""), ("stderr_Nm", "stderr", "Nm"),
     ],
 )  # fmt: skip

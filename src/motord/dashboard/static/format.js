@@ -72,19 +72,25 @@ export function clock(unix_s, digits = 0) {
   return text + Math.min(rest, 0.999999).toFixed(6).slice(1, 2 + digits);
 }
 
+/** Units by the end of a name, those of `config/unit_suffixes.py`. @type {Record<string, string>} */
+const UNITS = {
+  A: "A", mA: "mA", V: "V", W: "W", J: "J", ohm: "\u03a9", Hz: "Hz", C: "\u00b0C",
+  s: "s", ms: "ms", us: "\u00b5s", ns: "ns", per_s: "1/s", MB: "MB", ppm: "ppm",
+  rad: "rad", rad_s: "rad/s", rad_s2: "rad/s\u00b2", per_rad2: "1/rad\u00b2",
+  Nm: "Nm", mNm: "mNm", Nm_per_rad: "Nm/rad", Nm_s_per_rad: "Nm s/rad",
+  Nm_per_s: "Nm/s", Nm_per_V: "Nm/V", V_s_per_rad: "V s/rad", V_per_count: "V/count",
+  m: "m", kg: "kg", kg_m2: "kg m\u00b2", N_per_m: "N/m",
+  K: "K", K_per_W: "K/W", J_per_K: "J/K", K_per_min: "K/min",
+  per_K: "1/K", percent_per_K: "%/K", percent: "%", points: "encoder points", counts: "counts",
+};
+const SUFFIX = new RegExp(`_(${Object.keys(UNITS).join("|")})$`);
+
 /** A quantity, its unit and its words out of a name like `torque_rate_Nm_per_s`. @param {string} name */
 export function nameAndUnit(name) {
-  const units = /_(Nm_per_s|rad_per_s|rad_s|kg_m2|Nm|Hz|rad|percent|ms|us|s|A|V|C|m|V_per_count)$/;
-  const unit = units.exec(name)?.[1] ?? "";
-  const words = (unit ? name.slice(0, -unit.length - 1) : name).replaceAll("_", " ");
-  return { words, unit: UNITS[unit] ?? unit };
+  const suffix = SUFFIX.exec(name)?.[1] ?? "";
+  const words = (suffix ? name.slice(0, -suffix.length - 1) : name).replaceAll("_", " ");
+  return { words, unit: UNITS[suffix] ?? "" };
 }
-
-/** @type {Record<string, string>} */
-const UNITS = {
-  Nm_per_s: "Nm/s", rad_per_s: "rad/s", rad_s: "rad/s", kg_m2: "kg m\u00b2", percent: "%",
-  us: "\u00b5s", C: "\u00b0C",
-};
 
 /** The step of 1, 2 or 5 by a power of ten that is next above `step`. @param {number} step */
 export function niceStep(step) {
