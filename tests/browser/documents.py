@@ -185,13 +185,14 @@ def _field(name: str, kind: str, default: Any, **rest: Any) -> dict[str, Any]:
 
 
 IDS = ("8f2c51d09ab3e7c4", "51b20c77d1e48a90")
+EARLIER = "2025-12-01T16:30:00+01:00"
 
 
 def calibrations() -> list[dict[str, Any]]:
     """Return the list of calibrations, the newest first."""
     return [
         {"id": IDS[0], "created": "2026-01-01T09:00:00Z", "method": "joint", "in_force": True},
-        {"id": IDS[1], "created": "2025-12-01T15:30:00Z", "method": "residual", "in_force": False},
+        {"id": IDS[1], "created": EARLIER, "method": "residual", "in_force": False},
     ]
 
 

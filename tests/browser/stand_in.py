@@ -48,6 +48,7 @@ class StandIn:
         self.silent = self.loop_ended = self.ticks_withheld = False
         self.why_silent = "the daemon publishes nothing"
         self.barred = self.unreported = ""
+        self.unanswered: set[str] = set()
         self.trip: dict[str, Any] | None = None
         self.tracking: dict[str, Any] | None = None
         self.events_so_far: list[Event] = []
@@ -55,6 +56,8 @@ class StandIn:
         self.mesh: MeshView | None = None
         self.queue = StandInQueue(lambda message: self.event("queue", message))
         self.requests: list[tuple[str, dict[str, Any]]] = []
+        self.plans = documents.plans()
+        self.calibrations = documents.calibrations()
         self.held_back: set[str] = set()
         """Calibrations that are shown only when they are no longer in here."""
         self.waited_for: list[str] = []
@@ -82,6 +85,7 @@ class StandIn:
 
     async def keep(self, connected: Callable[[], Awaitable[None]]) -> None:
         """Publish for ever."""
+        self.connected = connected
         while True:
             await asyncio.sleep(BLOCK_S)
             self._step(time.monotonic())
@@ -89,7 +93,7 @@ class StandIn:
     async def call(self, name: str, /, *, urgent: bool = False, **arguments: Any) -> dict[str, Any]:
         """Answer a request. Raises ClientError."""
         self.requests.append((name, arguments))
-        if self.silent:
+        if self.silent or name in self.unanswered:
             raise ClientError("unreachable", "no answer in time")
         if arguments.get("token") not in (None, self.token):
             raise ClientError("no_lease", f"{self.holder} is in command now")
@@ -179,7 +183,7 @@ class StandIn:
         return {"t_ns": time.time_ns(), "recording": "sim-000.mcap"}
 
     def _plan_list(self) -> dict[str, Any]:
-        return {"plans": documents.plans()}
+        return {"plans": self.plans}
 
     def _plan_start(self, name: str, settings: dict[str, Any], **rest: Any) -> dict[str, Any]:
         if settings.get("turns", 2) < 2:
@@ -208,7 +212,7 @@ class StandIn:
         return {}
 
     def _calibration_list(self) -> dict[str, Any]:
-        return {"calibrations": documents.calibrations()}
+        return {"calibrations": self.calibrations}
 
     def _calibration_show(self, id: str) -> dict[str, Any]:
         return documents.calibration(id)
@@ -262,6 +266,10 @@ class StandIn:
         self.holder, self.token = None, ""
         self.bench.state = State.OFF
         self._publish_state()
+
+    def connect_again(self) -> None:
+        """Have what the daemon remembers taken in, as of another one."""
+        self._connecting = asyncio.ensure_future(self.connected())
 
     def event(self, kind: str, message: str, **data: Any) -> None:
         """Publish an event."""

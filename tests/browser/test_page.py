@@ -76,6 +76,15 @@ def test_a_note_is_a_mark(server, visit: Watched):
     assert noted == ["bearing is warm, n"]
 
 
+def test_the_list_of_keys_shows_whatever_tab_is_open(server, visit: Watched):
+    page = visit(server.urls.viewer)
+    page.click("#tab-health")
+    for _ in range(2):
+        page.keyboard.press("?")
+        expect(page.locator("#keys-help")).to_contain_text("STOP, from anywhere")
+        expect(page.locator("#keys-help dl")).to_be_visible()
+
+
 def test_a_trip_says_what_to_do(server, visit: Watched):
     page = visit(server.urls.operator)
     take_command(page)
@@ -181,6 +190,26 @@ def test_findings_of_the_calibration_chosen_are_listed_though_another_comes_late
     page.keyboard.press("Enter")
     shows(page, "#messages", "Noted")
     shows(page, "#calibration-content", "In force")
+
+
+def test_calibrations_are_listed_with_their_time_and_none_is_said_to_be_none(
+    server, visit: Watched
+):
+    stand_in, empty = server.stand_in, "#calibration-empty"
+    calibrations, stand_in.calibrations = stand_in.calibrations, []
+    stand_in.unanswered.add("calibration/list")
+    page = visit(server.urls.operator)
+    shows(page, empty, "Not known: no answer in time")
+    stand_in.do(stand_in.unanswered.clear)
+    shows(page, empty, "No calibration is installed")
+    stand_in.calibrations = calibrations
+    page.reload()
+    expect(page.locator("#calibration-choice option")).to_have_text(
+        [
+            f"2026-01-01 09:00 UTC joint {documents.IDS[0][:8]} (in force)",
+            f"2025-12-01 15:30 UTC residual {documents.IDS[1][:8]}",
+        ]
+    )
 
 
 def test_what_a_calibration_brought_has_its_interval_or_says_that_it_is_not_known(

@@ -11,6 +11,7 @@ from tests.browser.chromium import (
     shows,
     start_plan,
     take_command,
+    until,
     waits,
 )  # fmt: skip
 from tests.browser.conftest import Serve, Watched
@@ -46,6 +47,25 @@ def test_a_sweep_fills_its_mesh(server, visit: Watched):
     assert cell.evaluate("e => e.style.backgroundColor").startswith("rgb(")
     sent = [a for n, a in server.stand_in.requests if n == "plan/start" and not a.get("dry_run")]
     assert sent[0]["settings"] == {"torques_Nm": [1, 2], "speeds_Hz": [0.5, 0.75], "turns": 2}
+
+
+def test_the_form_has_the_defaults_of_the_daemon_that_is_there(server, visit: Watched):
+    stand_in = server.stand_in
+    page = visit(server.urls.operator)
+    press(page, "#take")
+    page.click("#plan-start-box > summary")
+    page.fill("#setting-turns", "7")
+    stand_in.do(stand_in.connect_again)
+    until(page, lambda: names(server).count("plan/list") == 2)
+    press(page, "#plan-check")
+    shows(page, "#plan-outline", "within the limits")
+    expect(page.locator("#setting-turns")).to_have_value("7")
+    [calibrate, *_] = stand_in.plans
+    calibrate["fields"][3]["default"] = 5.0
+    stand_in.do(stand_in.connect_again)
+    expect(page.locator("#setting-settle_s")).to_have_value("5")
+    expect(page.locator("#plan-start")).to_be_disabled()
+    shows(page, "#plan-start-why", "Check it first")
 
 
 def test_a_plan_with_targets_shows_its_precision_shrinking(server, visit: Watched):

@@ -17,6 +17,7 @@ export class CalibrationPanel {
     /** @type {string | null} of the calibration in force */
     this._id = null;
     this._open = false;
+    this._none = byId("calibration-empty").textContent;
     byId("calibration-choice").addEventListener("change", () => this._show(byId("calibration-choice").value));
     bench.on("hello", () => {
       this._id = null;
@@ -44,8 +45,9 @@ export class CalibrationPanel {
       const { calibrations } = await this._socket.call("calibration/list");
       const select = byId("calibration-choice");
       select.replaceChildren(...calibrations.map((/** @type {any} */ one) =>
-        element("option", { value: one.id, selected: one.id === inForce }, `${one.created.slice(0, 16).replace("T", " ")} ${one.method} ${one.id.slice(0, 8)}${one.in_force ? " (in force)" : ""}`)));
+        element("option", { value: one.id, selected: one.id === inForce }, `${minute(one.created)} ${one.method} ${one.id.slice(0, 8)}${one.in_force ? " (in force)" : ""}`)));
       const any = calibrations.length > 0;
+      setText(byId("calibration-empty"), this._none);
       byId("calibration-empty").hidden = any;
       byId("calibration-box").hidden = !any;
       if (any) await this._show(inForce || calibrations[0].id);
@@ -68,6 +70,9 @@ export class CalibrationPanel {
     }
   }
 }
+
+/** When a calibration was made, to the minute. @param {string} created in ISO 8601, of any time zone */
+const minute = (created) => `${new Date(created).toISOString().slice(0, 16).replace("T", " ")} UTC`;
 
 /** @param {string} text */
 const sentence = (text) => text && `${text[0].toUpperCase()}${text.slice(1)}.`;

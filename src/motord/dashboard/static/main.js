@@ -91,8 +91,9 @@ startKeys(() => stop.stop(), {
   p: () => traces.togglePause(),
   l: () => byId("plots").focus(),
   "?": () => {
-    const help = byId("keys-help");
-    help.open = !help.open;
+    byId("tab-page").click();
+    byId("keys-help").open = true;
+    byId("keys-help").scrollIntoView({ block: "nearest" });
   },
 });
 socket.connect();

@@ -124,17 +124,21 @@ export class PlanForm {
       select.replaceChildren(...plans.map((/** @type {any} */ plan) => element("option", { value: plan.name }, plan.name)));
       if (plans.some((/** @type {any} */ plan) => plan.name === before)) select.value = before;
       else if (plans.some((/** @type {any} */ plan) => plan.name === "calibrate")) select.value = "calibrate";
-      if (select.value !== this._chosen) this._choose();
+      this._choose();
     }, this._messages.failure("plans"));
   }
 
+  /** Show the plan that is chosen; what was entered stays unless its settings or their defaults are other ones. */
   _choose() {
-    this._chosen = byId("plan-choice").value;
-    const plan = this._plans.find((one) => one.name === this._chosen);
+    const plan = this._plans.find((one) => one.name === byId("plan-choice").value);
     if (plan === undefined) return;
     setText(byId("plan-summary"), plan.summary + (plan.obstacle ? ` \u26a0 ${plan.obstacle}` : ""));
-    this._fields = fieldsOf(plan);
-    byId("plan-fields").replaceChildren(...this._fields.map((field) => row(field)));
+    const fields = fieldsOf(plan);
+    const form = JSON.stringify([plan.name, fields]);
+    if (form === this._form) return;
+    this._form = form;
+    this._fields = fields;
+    byId("plan-fields").replaceChildren(...fields.map((field) => row(field)));
     this._changed();
   }
 
