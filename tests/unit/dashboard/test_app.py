@@ -533,8 +533,8 @@ def test_another_bench_file_after_a_restart_begins_the_history_anew(server):
 
 def test_orders_of_the_calibration_in_force_are_marked(server):
     server.link.harmonics = [
-        {"order": order, "amplitude_Nm": 0.1, "stderr_Nm": stderr_Nm}
-        for order, stderr_Nm in ((8, 0.001), (24, 0.06), (48, 0.001))
+        {"order": order, "amplitude_Nm": amplitude_Nm, "stderr_Nm": stderr_Nm}
+        for order, amplitude_Nm, stderr_Nm in ((8, 0.1, 0.001), (24, 0.1, 0.06), (48, -0.1, 0.001))
     ]
     server.come(("state", state(1.0, CalibrationView.model_construct(id="ab"))))
     turn = block(2500, rate_Hz=1000.0, t0_ns=server.bench.epoch_ns, turns_per_s=1.0)

@@ -158,5 +158,7 @@ class Pages:
             harmonics = shown["tau_cog_harmonics"]
         self._calibration = calibration
         self.bench.calibrated = [
-            h["order"] for h in harmonics if h["amplitude_Nm"] > SIGNIFICANT * (h["stderr_Nm"] or 0)
+            h["order"]
+            for h in harmonics
+            if abs(h["amplitude_Nm"]) > SIGNIFICANT * (h["stderr_Nm"] or 0)
         ]
