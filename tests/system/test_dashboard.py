@@ -232,7 +232,7 @@ def test_a_killed_server_leaves_loop_and_recording_as_they_were(running, folder,
     [
         (("--connect", "tcp/127.0.0.1:1"), 1, "no motord at tcp/127.0.0.1:1"),
         (("--host", "0.0.0.0"), 1, "ssh -L"),
-        (("--host", "bench"), 2, "no address"),
+        (("--host", "::1"), 1, "listens on 127.0.0.1 alone"),
         (("--port", "{port}"), 1, "another `motord dashboard`"),
     ],
 )
