@@ -48,7 +48,7 @@ class Viewer:
         self.channels: dict[str, dict[str, Any]] = {}
         self.statuses: list[dict[str, Any]] = []
         self.removed: list[str] = []
-        self.parameters: dict[str, Any] = {}
+        self.parameters: dict[str, Any] | None = None
         self._topics: dict[int, str] = {}
         self._classes: dict[str, Any] = {}
         self._messages: deque[ViewedMessage] = deque()
@@ -108,10 +108,10 @@ class Viewer:
         return self._messages.popleft()
 
     def get_parameters(self, *names: str) -> dict[str, Any]:
-        self.parameters = {}
+        self.parameters = None
         self.send(op="getParameters", parameterNames=list(names), id="get")
-        self.receive_until(lambda: self.parameters, "parameters")
-        return self.parameters
+        self.receive_until(lambda: self.parameters is not None, "parameters")
+        return self.parameters or {}
 
     def _take(self, data: str | bytes) -> None:
         if isinstance(data, bytes):
@@ -126,7 +126,7 @@ class Viewer:
             case "removeStatus":
                 self.removed += message["statusIds"]
             case "parameterValues":
-                self.parameters |= {one["name"]: one["value"] for one in message["parameters"]}
+                self.parameters = {one["name"]: one["value"] for one in message["parameters"]}
 
     def _take_message(self, data: bytes) -> None:
         operation, subscription, t_ns = struct.unpack_from("<BIQ", data)

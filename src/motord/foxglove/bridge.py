@@ -113,21 +113,26 @@ def _named_state(state: BenchState) -> dict[str, Any]:
     }
 
 
-def _values(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the values in nested tables by dotted path; what is null is left out."""
+def values_by_path(tables: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values in nested tables, and lists of them, by dotted path; none that is null.
+
+    The SDK refuses a value with null anywhere in it.
+    """
     for key, value in tables.items():
         path = f"{prefix}{key}"
-        if isinstance(value, Mapping):
-            yield from _values(value, f"{path}.")
-        elif isinstance(value, list) and len(value) > MAX_ITEMS:
+        if isinstance(value, list) and len(value) > MAX_ITEMS:
             yield path, f"{len(value)} values"
+        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+            yield from values_by_path(dict(enumerate(value)), f"{path}.")
+        elif isinstance(value, Mapping):
+            yield from values_by_path(value, f"{path}.")
         elif value is not None:
             yield path, value
 
 
 def feed(client: Client, server: FoxgloveServer, stopping: threading.Event) -> None:
     """Feed `server` until `stopping` is set. Raises ClientError when the daemon is gone."""
-    server.set_parameters(dict(_values(client.config().config)))
+    server.set_parameters(dict(values_by_path(client.config().config)))
     one = ViewerFeed(server)
     with (
         client.subscribe_state(one.state),

@@ -3,16 +3,18 @@
 import json
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from motord import config as bench_files
 from motord.api.messages import Event
 from motord.api.plan_messages import MeshView, PlanView
 from motord.client import connect
 from motord.foxglove import topics
-from motord.foxglove.bridge import ViewerFeed, run
+from motord.foxglove.bridge import ViewerFeed, run, values_by_path
 from motord.foxglove.server import FoxgloveError, FoxgloveServer
 from motord.schema import TICK
 from motord.service.publish.publisher import named_state as recorded_state
@@ -195,6 +197,15 @@ def test_the_bench_file_is_there_as_parameters_that_nobody_can_change(bridged):
         assert "change them there" in viewer.statuses[-1]["message"]
         got = viewer.get_parameters("limits.torque_Nm")
         assert got == {"limits.torque_Nm": config.limits.torque_Nm}
+
+
+def test_tables_in_lists_are_parameters_too_and_what_is_left_out_is_none(server):
+    thermal = Path(__file__).parents[3] / "config" / "thermal.toml"
+    bench = bench_files.load(thermal).model_dump(mode="json")
+    server.set_parameters(dict(values_by_path(bench)))
+    with Viewer(server.url) as viewer:
+        got = viewer.get_parameters("channels.0.name", "channels.0.trip_below", "motor.pole_pairs")
+    assert got == {"channels.0.name": "winding_C", "motor.pole_pairs": 8}
 
 
 def test_commands_of_a_viewer_are_nothing_but_a_complaint(bridged):
