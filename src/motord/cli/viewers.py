@@ -124,7 +124,8 @@ def dashboard(
             os.nice(NICE)
             if browser:
                 open_page(urls.operator)
-            server.serve(client, connection.connect, listener, tokens)
+            again = replace(connection, bench=client.bench)  # not one that came in its place
+            server.serve(client, again.connect, listener, tokens)
 
 
 def _serve_overview(port: int, connection: Connection, *, browser: bool, as_json: bool) -> None:
