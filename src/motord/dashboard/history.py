@@ -26,6 +26,11 @@ BUCKETS_MAX = 8192
 Values = NDArray[np.float32]
 
 
+def period_ns(rate_Hz: float) -> int:
+    """Return the loop's period: whole nanoseconds, by which a day at 15 kHz is 0.4 s longer."""
+    return round(1e9 / rate_Hz)
+
+
 @dataclass(frozen=True)
 class Window:
     """Minimum and maximum (signals, buckets) in buckets of `dt_s` from `t0_s` on; NaN: no tick."""
@@ -105,7 +110,7 @@ class History:
     def __init__(
         self, signals: int, rate_Hz: float, retention_s: Sequence[float] = RETENTION_S
     ) -> None:
-        self.period_s = 1 / rate_Hz
+        self.period_s = period_ns(rate_Hz) / 1e9
         self._levels = [
             _Level(signals, slots, FACTOR * max(1, -int(-seconds * rate_Hz // (slots * FACTOR))))
             for slots, seconds in ((FACTOR**k, s) for k, s in enumerate(retention_s))
@@ -190,7 +195,7 @@ class TickGrid:
 
     def __init__(self, rate_Hz: float, epoch_ns: int) -> None:
         self.epoch_ns = epoch_ns
-        self._period_ns = 1e9 / rate_Hz
+        self._period_ns = period_ns(rate_Hz)
         self._slot_of_tick_0 = 0
         self._end = 0  # slot after the newest
 

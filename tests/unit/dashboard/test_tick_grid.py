@@ -31,6 +31,18 @@ def test_jitter_of_the_samples_moves_no_tick():
     assert slots(grid, ticks[:500]) + slots(grid, ticks[500:]) == [(0, 500), (500, 500)]
 
 
+@pytest.mark.parametrize("rate_Hz", [333, 3000, 15_000])
+def test_periods_of_whole_nanoseconds_are_no_gap_after_a_week(rate_Hz):
+    period_ns = round(1e9 / rate_Hz)
+    grid, week = TickGrid(rate_Hz, epoch_ns=0), 7 * 86_400 * rate_Hz
+    ticks = block(100)
+    ticks["t_ns"] = ticks["tick"] * period_ns
+    assert slots(grid, ticks) == [(0, 100)]
+    ticks["tick"] += week
+    ticks["t_ns"] += week * period_ns
+    assert slots(grid, ticks) == [(week, 100)]
+
+
 def test_a_gap_between_blocks_is_one_between_runs():
     grid = TickGrid(1000.0, epoch_ns=0)
     slots(grid, block(100))
