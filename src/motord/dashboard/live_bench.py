@@ -118,7 +118,7 @@ class LiveBench:
             self.history.append(run.slot, values(run.ticks))
             self.turns.add(run.ticks)
             expected = self.history.end
-        self.timing.add(block)
+        self.timing.add(block, self.ticks_s)
 
     def _publish_turns(self, now_s: float) -> None:
         if self.turns.completed == self._turns_sent or now_s - self._turns_s < TURNS_S:

@@ -21,17 +21,16 @@ class TimingHistograms:
         self._counts = np.zeros((SECONDS, len(FIELDS), _BINS), np.int64)
         self._second = 0
 
-    def add(self, block: NDArray[Any]) -> None:
-        """Take in ticks (n,) of one block, at most a second long: they count at its last second."""
-        if len(block) == 0:
-            return
-        second = int(block["t_ns"][-1]) // 1_000_000_000
-        if second < self._second - SECONDS:  # another daemon, after the clock was set back
-            self._counts[:], self._second = 0, second
+    def add(self, block: NDArray[Any], now_s: float) -> None:
+        """Take in ticks (n,) of one block that came at `now_s` (monotonic).
+
+        Their own time stands still without samples of the bridge.
+        """
+        second = int(now_s)
         for passed in range(max(self._second + 1, second - SECONDS + 1), second + 1):
             self._counts[passed % SECONDS] = 0
-        self._second = max(second, self._second)
-        for counts, name in zip(self._counts[self._second % SECONDS], FIELDS, strict=True):
+        self._second = second
+        for counts, name in zip(self._counts[second % SECONDS], FIELDS, strict=True):
             place = np.searchsorted(EDGES_us, block[name] / _NS_PER_US, side="right") - 1
             counts += np.bincount(np.clip(place, 0, _BINS - 1), minlength=_BINS)
 

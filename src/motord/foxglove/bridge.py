@@ -4,6 +4,7 @@ import json
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from math import ceil
 from typing import Any
 
 from motord.api.messages import BenchState, Event
@@ -35,9 +36,9 @@ class ViewerFeed:
     states and events.
     """
 
-    def __init__(self, server: FoxgloveServer) -> None:
+    def __init__(self, server: FoxgloveServer, loop_rate_Hz: float) -> None:
         self._server = server
-        self._decimator = Decimator(topics.RATE_HZ)
+        self._decimator = Decimator(ceil(loop_rate_Hz / topics.RATE_HZ))
         self._t_ns = time.time_ns()  # of the newest tick, once there is one
         self._shown: list[object] = []
         self._state_ns = self._plan_ns = 0
@@ -132,8 +133,9 @@ def values_by_path(tables: Mapping[Any, Any], prefix: str = "") -> Iterator[tupl
 
 def feed(client: Client, server: FoxgloveServer, stopping: threading.Event) -> None:
     """Feed `server` until `stopping` is set. Raises ClientError when the daemon is gone."""
-    server.set_parameters(dict(values_by_path(client.config().config)))
-    one = ViewerFeed(server)
+    config = client.config().config
+    server.set_parameters(dict(values_by_path(config)))
+    one = ViewerFeed(server, config["loop"]["rate_Hz"])
     with (
         client.subscribe_state(one.state),
         client.subscribe_events(one.event),

@@ -49,14 +49,15 @@ def _extremes_message(counts: list[int], low: bytes, high: bytes) -> bytes:
 
 
 class Decimator:
-    """Decimates blocks of ticks to `rate_Hz` intervals a second of tick time.
+    """Decimates blocks of ticks to intervals of `periods` periods of the loop.
 
-    An interval is complete when a tick of a later one has arrived.
+    An interval is complete when a tick of another one has arrived. Ticks are counted, not timed:
+    without samples of the bridge all have the time of the last one.
     """
 
-    def __init__(self, rate_Hz: float) -> None:
+    def __init__(self, periods: int) -> None:
         self._counter = LossCounter()
-        self._period_ns = round(1e9 / rate_Hz)
+        self._periods = periods
         self._pending = np.empty(0, TICK_DTYPE)
 
     @property
@@ -68,8 +69,8 @@ class Decimator:
         """Return the intervals that `block` (shape (n,), `TICK_DTYPE`) completes."""
         self._counter.add(block)
         ticks = joined([self._pending, block])
-        interval = ticks["t_ns"] // self._period_ns
-        starts = np.flatnonzero(np.diff(interval, prepend=interval[0] - 1 if len(ticks) else 0))
+        interval = ticks["tick"].astype(np.int64) // self._periods
+        starts = np.flatnonzero(np.diff(interval, prepend=-1))
         complete = starts[:-1]
         end = int(starts[-1]) if len(starts) else 0
         self._pending = ticks[end:]

@@ -13,7 +13,7 @@ from motord.foxglove.decimation import EXTREMES_NAME, extremes_descriptor_set
 from motord.recording import topics as recorded
 
 RATE_HZ = 50.0
-"""Messages a second of a topic, events apart; viewers slow down above 60."""
+"""At most so many messages a second of a topic, events apart; viewers slow down above 60."""
 
 _KEPT = ("type", "enum", "description")
 """What is kept of a property in a JSON Schema."""

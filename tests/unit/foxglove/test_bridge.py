@@ -71,7 +71,7 @@ def test_topics_are_advertised_with_their_schemas(server):
 
 
 def test_ticks_at_10_kHz_come_decimated_and_a_spike_of_one_tick_comes_through(server):
-    feed = ViewerFeed(server)
+    feed = ViewerFeed(server, RATE_HZ)
     block = ticks(2 * RATE_HZ)
     block["torque_Nm"][12_345] = 77.0
     block["i_c_A"][12_345] = -55.0
@@ -90,7 +90,7 @@ def test_ticks_at_10_kHz_come_decimated_and_a_spike_of_one_tick_comes_through(se
 
 
 def test_every_field_of_a_tick_is_the_daemons(server):
-    feed = ViewerFeed(server)
+    feed = ViewerFeed(server, RATE_HZ)
     block = ticks(1000)
     rng = np.random.default_rng(3)
     for field in TICK.fields[2:]:
@@ -114,7 +114,7 @@ def test_a_plan_that_comes_before_any_tick_is_not_of_1970(server):
         viewer.subscribe("/plan", "/mesh")
         viewer.receive_until(lambda: server.wanted("/plan") and server.wanted("/mesh"), "")
         before_ns = time.time_ns()
-        feed = ViewerFeed(server)
+        feed = ViewerFeed(server, RATE_HZ)
         feed.plan(PlanView(plan="cogging", state="done", run_id="a"))
         feed.mesh(MeshView(plan="cogging", run_id="a", points_total=0, points=[]))
         feed.repeat()
@@ -129,7 +129,7 @@ def test_events_are_messages_of_the_log_panel(server):
     with Viewer(server.url) as viewer:
         viewer.subscribe("/event")
         viewer.receive_until(lambda: server.wanted("/event"), "a subscription")
-        feed = ViewerFeed(server)
+        feed = ViewerFeed(server, RATE_HZ)
         feed.event(Event(t_ns=START_NS + 5, kind="trip", message="too fast", data={"a": 1}))
         feed.event(Event(t_ns=START_NS + 6, kind="state", message="READY"))
         trip, state = viewer.next("/event"), viewer.next("/event")
@@ -171,7 +171,7 @@ def test_the_state_is_the_one_of_recordings(bridged):
 def test_the_rate_of_states_is_bounded_and_a_change_is_never_left_out(bridged):
     sent = []
     keep = SimpleNamespace(log=lambda topic, data, t_ns: sent.append((t_ns, json.loads(data))))
-    feed = ViewerFeed(keep)
+    feed = ViewerFeed(keep, RATE_HZ)
     with connect("live", bridged.live.listen) as client:
         state = client.state()
     for i in range(2000):  # a thousand a second

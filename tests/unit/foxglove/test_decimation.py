@@ -29,7 +29,7 @@ def taken(decimator, block, size):
 @pytest.mark.parametrize("size", [1, 7, 200, 333, 10_000])
 def test_however_the_blocks_are_cut_the_intervals_are_the_same(size):
     block = ticks(1000 if size == 1 else 10_000)
-    parts = taken(Decimator(50), block, size)
+    parts = taken(Decimator(200), block, size)
     counts = np.concatenate([part.counts for part in parts])
     assert len(counts) == len(block) // 200 - 1  # the last one goes on
     assert (np.diff(counts[:, 0]) == 20_000_000).all()
@@ -51,7 +51,7 @@ def test_a_spike_of_one_tick_is_in_the_extremes_and_nan_hides_nothing():
     block["i_b_A"][437] = -42.0
     block["u_bus_V"][400:599] = np.nan
     block["u_bus_V"][599] = 48.0
-    out = Decimator(50).take(block)
+    out = Decimator(200).take(block)
     assert out.ticks["i_a_A"].tolist() == [0, 0, 0, 0]
     assert out.maxima["i_a_A"].tolist() == [0, 0, 42, 0]
     assert out.minima["i_b_A"].tolist() == [0, 0, -42, 0]
@@ -63,12 +63,12 @@ def test_of_bits_the_minimum_is_what_was_always_set_and_the_maximum_what_ever_wa
     block = ticks(400)
     block["flags"] = 0b0110
     block["flags"][10] = 0b1100
-    out = Decimator(50).take(block)
+    out = Decimator(200).take(block)
     assert (out.minima["flags"].tolist(), out.maxima["flags"].tolist()) == ([0b0100], [0b1110])
 
 
 def test_what_did_not_arrive_is_counted_and_what_the_loop_skipped_is_not():
-    decimator = Decimator(50)
+    decimator = Decimator(200)
     block = ticks(2000)
     block["missed"][500:] = 20
     block["tick"][500:] += 20
@@ -83,9 +83,16 @@ def test_what_did_not_arrive_is_counted_and_what_the_loop_skipped_is_not():
     assert decimator.lost == 106
 
 
+def test_ticks_of_a_silent_bridge_which_all_have_one_time_come_as_ever():
+    block = ticks(1000)
+    block["t_ns"] = START_NS
+    parts = taken(Decimator(200), block, 50)
+    assert [count[2] for part in parts for count in part.counts.tolist()] == [200] * 4
+
+
 def test_nothing_comes_of_nothing():
-    assert len(Decimator(50).take(ticks(0)).ticks) == 0
-    assert Decimator(50).take(ticks(1)).messages() == ([], [])
+    assert len(Decimator(200).take(ticks(0)).ticks) == 0
+    assert Decimator(200).take(ticks(1)).messages() == ([], [])
 
 
 def test_messages_are_read_by_their_descriptor():
@@ -96,7 +103,7 @@ def test_messages_are_read_by_their_descriptor():
             block[field.name] = rng.normal(size=600)
         elif field.kind == "sfixed32":
             block[field.name] = rng.integers(-(2**31), 2**31, 600)
-    out = Decimator(50).take(block)
+    out = Decimator(200).take(block)
     pool = descriptor_pool.DescriptorPool()
     for file in descriptor_pb2.FileDescriptorSet.FromString(extremes_descriptor_set()).file:
         pool.Add(file)
