@@ -44,6 +44,15 @@ def test_a_person_operates_by_hand(server, visit: Watched):
     shows(page, "#state-name", "READY")
 
 
+def test_a_person_turns_it_backwards(server, visit: Watched):
+    page = visit(server.urls.operator)
+    take_command(page)
+    set_by_hand(page, -1.0, -0.7)
+    until(page, lambda: names(server).count("set") == 2)
+    speed, torque = [given for name, given in server.stand_in.requests if name == "set"]
+    assert (speed["speed_Hz"], torque["torque_Nm"]) == (-0.7, -1.0)
+
+
 def test_stop_by_key_says_stopped_when_the_daemon_has_reported_it(server, visit: Watched):
     page = visit(server.urls.operator)
     take_command(page)

@@ -49,8 +49,8 @@ export class Operate {
     setText(byId("torque-high"), `+${number(limit, 0)} Nm`);
     const speed_Hz = 0.8 * (hello.limits?.trip_speed_rad_s ?? 0) / (2 * Math.PI);
     for (const id of ["speed", "drive"]) {
-      if (speed_Hz > 0) byId(id).max = speed_Hz.toFixed(2);
-      byId(id).min = id === "drive" && speed_Hz > 0 ? (-speed_Hz).toFixed(2) : "0";
+      byId(id).min = speed_Hz > 0 ? (-speed_Hz).toFixed(2) : "";
+      byId(id).max = speed_Hz > 0 ? speed_Hz.toFixed(2) : "";
     }
     this._show();
   }
