@@ -115,7 +115,7 @@ REFUSED = [
     ("refused", {"torque_Nm": -7}, "torque_Nm = 6"),
     ("refused", {"torque_Nm": 6.1, "speed_Hz": 0.7}, "torque_Nm = 6"),
     ("refused", {"torque_Nm": 1, "speed_Hz": 3.5}, "trip_speed_rad_s"),
-    ("refused", {"torque_Nm": 1, "speed_Hz": 0}, "above 0"),
+    ("refused", {"torque_Nm": 1, "speed_Hz": 0}, "at rest"),
     ("refused", {"torque_Nm": 1, "speed_Hz": -0.5}, "other way"),
     ("refused", {"torque_Nm": 6, "speed_Hz": 0.05}, "the brake holds at most"),
     ("refused", {"torque_Nm": 1, "speed_Hz": 3.0}, "the brake holds no speed of 3 Hz"),

@@ -187,10 +187,10 @@ def _check_limits(bench: Bench, request: SetpointChange) -> None:
         return
     check_speed(config, speed_Hz)
     if speed_Hz == 0.0:
-        raise PlanError("0 Hz: the brake can hold a speed above 0 only")
+        raise PlanError("0 Hz: a brake cannot hold the rotor at rest; ask for a speed")
     if torque_Nm * speed_Hz < 0.0:
         raise PlanError(
             f"{torque_Nm:g} Nm turns the rotor the other way than {speed_Hz:g} Hz: "
-            "a brake cannot drive"
+            "a brake cannot drive; give both the same sign"
         )
     check_brake(config, torque_Nm, speed_Hz)
