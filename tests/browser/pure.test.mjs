@@ -246,6 +246,15 @@ test("numbers, times and ages as an instrument shows them", () => {
   assert.deepEqual(format.nameAndUnit("steady_K_per_min"), { words: "steady", unit: "K/min" });
 });
 
+test("torques are set and written as finely as the motor is small", () => {
+  const bench = new Bench();
+  for (const [torque_Nm, step_Nm, digits] of [[6, 0.05, 2], [0.03, 0.0002, 4], [500, 5, 2]]) {
+    bench.take({ kind: "hello", epoch_ns: 0, limits: { torque_Nm } });
+    assert.ok(Math.abs(bench.torqueStep_Nm / step_Nm - 1) < 1e-9);
+    assert.equal(bench.torqueDigits, digits);
+  }
+});
+
 test("every unit that a name of the bench file ends with is known", () => {
   const source = readFileSync(new URL("../../src/motord/config/unit_suffixes.py", import.meta.url), "utf8");
   const suffixes = [...source.matchAll(/"(\w+)": "/g)].map(([, suffix]) => suffix);

@@ -14,7 +14,8 @@ from tests.browser.chromium import (
     until,
     waits,
 )  # fmt: skip
-from tests.browser.conftest import Watched
+from tests.browser.conftest import Serve, Watched
+from tests.browser.stand_in import StandIn
 from tests.browser.stand_in_requests import commands, names
 
 pytestmark = [pytest.mark.system, needs_browser]
@@ -51,6 +52,19 @@ def test_a_person_turns_it_backwards(server, visit: Watched):
     until(page, lambda: names(server).count("set") == 2)
     speed, torque = [given for name, given in server.stand_in.requests if name == "set"]
     assert (speed["speed_Hz"], torque["torque_Nm"]) == (-0.7, -1.0)
+
+
+def test_a_small_motor_is_set_by_the_slider_and_its_torque_is_to_be_read(
+    serve: Serve, visit: Watched
+):
+    stand_in = StandIn()
+    stand_in.config["limits"]["torque_Nm"] = 0.03
+    page = visit(serve(stand_in).urls.operator)
+    take_command(page)
+    shows(page, "#torque-high", "+0.03 Nm")
+    page.fill("#torque-slider", "0.01")
+    page.press("#torque-slider", "Enter")
+    shows(page, "#setpoint-now", "0.0100")
 
 
 def test_stop_by_key_says_stopped_when_the_daemon_has_reported_it(server, visit: Watched):

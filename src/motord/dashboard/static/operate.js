@@ -10,7 +10,6 @@ export class Operate {
     this._bench = bench;
     this._socket = socket;
     this._messages = messages;
-    this._limit_Nm = 1;
     this._torqueInputs();
     byId("take").addEventListener("click", () => this._lease());
     for (const name of ["enable", "disable", "reset"]) byId(name).addEventListener("click", () => this._call(name));
@@ -40,13 +39,16 @@ export class Operate {
 
   /** @param {any} hello */
   _hello(hello) {
-    const limit = (this._limit_Nm = hello.limits?.torque_Nm ?? 1);
-    for (const id of ["torque-slider", "torque"]) {
-      byId(id).min = String(-limit);
-      byId(id).max = String(limit);
+    const { torqueLimit_Nm: limit, torqueStep_Nm: step } = this._bench;
+    const slider = byId("torque-slider");
+    const most = String(Number((Math.floor(limit / step + 1e-6) * step).toFixed(8))); // 0 is a whole number of steps from it
+    for (const [id, end] of [["torque-slider", most], ["torque", String(limit)]]) {
+      byId(id).min = `-${end}`;
+      byId(id).max = end;
     }
-    setText(byId("torque-low"), `${number(-limit, 0)}`);
-    setText(byId("torque-high"), `+${number(limit, 0)} Nm`);
+    slider.step = String(step);
+    setText(byId("torque-low"), `\u2212${most}`);
+    setText(byId("torque-high"), `+${most} Nm`);
     const speed_Hz = 0.8 * (hello.limits?.trip_speed_rad_s ?? 0) / (2 * Math.PI);
     for (const id of ["speed", "drive"]) {
       byId(id).min = speed_Hz > 0 ? (-speed_Hz).toFixed(2) : "";
@@ -126,12 +128,13 @@ export class Operate {
   /** Set-point now, its target, and where both are within the limits. @param {any} setpoint */
   _ramp(setpoint) {
     const target = setpoint.torque_target_Nm ?? setpoint.torque_Nm;
-    const ramping = Math.abs(target - setpoint.torque_Nm) > 0.0005;
-    setText(byId("setpoint-now"), number(setpoint.torque_Nm, 2));
-    setText(byId("setpoint-target"), ramping ? `\u2192 ${number(target, 2)}` : "");
+    const { torqueLimit_Nm: limit, torqueStep_Nm: step, torqueDigits: digits } = this._bench;
+    const ramping = Math.abs(target - setpoint.torque_Nm) > step / 100;
+    setText(byId("setpoint-now"), number(setpoint.torque_Nm, digits));
+    setText(byId("setpoint-target"), ramping ? `\u2192 ${number(target, digits)}` : "");
     setAttribute(byId("ramp"), "data-ramping", String(ramping));
-    place(byId("ramp-now"), setpoint.torque_Nm / this._limit_Nm);
-    place(byId("ramp-target"), target / this._limit_Nm);
+    place(byId("ramp-now"), setpoint.torque_Nm / limit);
+    place(byId("ramp-target"), target / limit);
     setText(byId("speed-now"), setpoint.speed_Hz === null ? "\u2013" : number(setpoint.speed_Hz, 2));
     setText(byId("brake-now"), `${number(100 * setpoint.brake, 0)} %`);
   }

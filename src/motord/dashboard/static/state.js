@@ -1,5 +1,7 @@
 /** What is known of the bench, from the newest messages, and how old it is. */
 
+import { decimals, niceStep } from "./format.js";
+
 export const STALE_S = 0.5;
 
 /** What each state of the drive means, and what to do next. @type {Record<string, {sign: string, meaning: string}>} */
@@ -119,6 +121,21 @@ export class Bench {
   /** Whether the torque sensor measures a steady torque; a piezoelectric one does not. */
   get sensorPassesMean() {
     return !(this.state?.torque_sensor?.highpass_time_constant_s > 0);
+  }
+
+  /** The largest torque that may be set: by it goes how finely torques are set, written and drawn. */
+  get torqueLimit_Nm() {
+    return this.hello?.limits?.torque_Nm ?? 6;
+  }
+
+  /** Step of torques that are set. */
+  get torqueStep_Nm() {
+    return niceStep(this.torqueLimit_Nm / 200);
+  }
+
+  /** Decimals of a torque, Nm. */
+  get torqueDigits() {
+    return Math.max(2, decimals(this.torqueStep_Nm));
   }
 
   get viewer() {

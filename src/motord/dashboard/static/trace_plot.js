@@ -7,7 +7,7 @@ import { titleOf } from "./signals.js";
 import { colour } from "./theme.js";
 import { TraceCanvas } from "./trace_canvas.js";
 
-const LEAST_WIDTH = { Nm: 0.2, A: 0.5, Hz: 0.05, rad: 0.1 };
+const LEAST_WIDTH = { A: 0.5, Hz: 0.05, rad: 0.1 };
 const FONT = '11px system-ui, "DejaVu Sans", sans-serif';
 export const AXIS_PX = 46;
 export const SYNC = "motord";
@@ -132,7 +132,8 @@ export class TracePlot {
     this._extent[0] = Infinity;
     this._extent[1] = -Infinity;
     for (const trace of this._traces) buckets.extend(trace.name, this._extent);
-    const least = LEAST_WIDTH[/** @type {keyof typeof LEAST_WIDTH} */ (this._traces[0]?.unit)] ?? 0.1;
+    const [limit] = this._host.limits();
+    const least = limit ? limit.value / 30 : LEAST_WIDTH[/** @type {keyof typeof LEAST_WIDTH} */ (this._traces[0]?.unit)] ?? 0.1;
     steadyRange(this._extent[0], this._extent[1], this._range, least);
     const [min, max] = this._range;
     this._drawAxes(live ? -span_s : to_s - span_s, live ? 0 : to_s, live);

@@ -54,9 +54,9 @@ export class Turns {
     }
     this._largest = largest(orders, (order) => this._amplitude(order), LABELLED);
     const main = this._largest[0];
-    setText(byId("turns-caption"), `newest of ${turns}: ${spread(high - low, this._header, this._bench.sensorPassesMean)}`);
+    setText(byId("turns-caption"), `newest of ${turns}: ${spread(high - low, this._header, this._bench.sensorPassesMean, this._bench.torqueDigits)}`);
     const marked = calibrated.length ? "; \u25b4\u00a0calibrated" : "";
-    setText(byId("orders-caption"), main === undefined ? "no turn at a steady set-point" : `order\u00a0${main}: ${number(this._amplitude(main), 3)}\u00a0Nm${marked}`);
+    setText(byId("orders-caption"), main === undefined ? "no turn at a steady set-point" : `order\u00a0${main}: ${number(this._amplitude(main), this._bench.torqueDigits + 1)}\u00a0Nm${marked}`);
     setAttribute(byId("turns-chart"), "aria-label", `Torque over angle: ${byId("turns-caption").textContent}`);
     setAttribute(byId("orders-chart"), "aria-label", `Amplitude by order: ${byId("orders-caption").textContent}`);
   }
@@ -70,7 +70,7 @@ export class Turns {
       if (value < low) low = value;
       if (value > high) high = value;
     }
-    steadyRange(low, high, this._range, 0.1);
+    steadyRange(low, high, this._range, this._bench.torqueLimit_Nm / 60);
     const none = Array(bins).fill(null);
     const rows = TURNS.map((_, k) => {
       const turn = turns - TURNS.length + k;
@@ -93,7 +93,8 @@ export class Turns {
     for (let order = 1; order < orders; order++) if (this._amplitude(order) > high) high = this._amplitude(order);
     for (let order = 1; order < orders; order++) if (this._amplitude(order) > 0.02 * high) last = Math.max(last, order);
     for (const order of calibrated) if (order < orders) last = Math.max(last, order);
-    steadyRange(0, Math.max(1.08 * high, 0.01), this._top, 0.01);
+    const least = this._bench.torqueLimit_Nm / 600;
+    steadyRange(0, Math.max(1.08 * high, least), this._top, least);
     const shown = Array.from({ length: Math.min(orders - 1, Math.ceil((last + 4) / 16) * 16) }, (_, i) => i + 1);
     const row = (/** @type {boolean} */ own) => shown.map((order) => (calibrated.includes(order) === own && this._amplitude(order) > 0 ? this._amplitude(order) : null));
     return { x: [0, shown.length], y: [0, this._top[1]], data: [shown, row(false), row(true)] };
@@ -107,11 +108,11 @@ export class Turns {
   }
 }
 
-/** What a turn's torque spans and about which set-point; a moved one is in it. Pure. @param {number} span_Nm @param {{set_Nm: number, steady: boolean}} header @param {boolean} mean */
-export function spread(span_Nm, { set_Nm, steady }, mean) {
-  const set = `${number(set_Nm, 2)}\u00a0Nm`;
+/** What a turn's torque spans and about which set-point; a moved one is in it. Pure. @param {number} span_Nm @param {{set_Nm: number, steady: boolean}} header @param {boolean} mean @param {number} digits */
+export function spread(span_Nm, { set_Nm, steady }, mean, digits = 2) {
+  const set = `${number(set_Nm, digits)}\u00a0Nm`;
   const about = !steady ? "as the set-point moved" : mean ? `about ${set}` : `at ${set} (no\u00a0mean)`;
-  return `${number(span_Nm, 2)}\u00a0Nm\u00a0p-p ${about}`;
+  return `${number(span_Nm, digits)}\u00a0Nm\u00a0p-p ${about}`;
 }
 
 const degrees = (/** @type {number} */ value) => `${value}\u00b0`;
