@@ -504,6 +504,7 @@ test("a bench of the overview in words", () => {
   assert.equal(overview.planText(state.plan), "calibrate \u25b6 running, serial 7 \u00b7 2 of 8 points \u00b7 25 %, 1:30 min to go");
   assert.match(overview.planText({ ...state.plan, state: "failed", message: "too slow" }), /2 of 8 points \u00b7 too slow$/);
   assert.equal(overview.motionText(state), "1.98 of 2.00 Nm set \u00b7 0.70 Hz");
+  assert.equal(overview.motionText({ ...state, torque_Nm: 0, torque_set_Nm: 0.0125 }), "0 of 0.0125 Nm set \u00b7 0.70 Hz");
   assert.equal(overview.motionText({ ...state, mean_measured: false }), "2.00 Nm set \u00b7 0.70 Hz");
   assert.equal(overview.recorderText(state), "not recording: disk full");
   assert.equal(overview.recorderText({ ...state, recording: true, recording_name: "a.mcap" }), "\u25cf a.mcap: disk full");

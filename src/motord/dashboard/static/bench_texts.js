@@ -1,6 +1,6 @@
 /** What the overview says of a bench. Pure. */
 
-import { age, clock, duration, NO_VALUE, number } from "./format.js";
+import { age, clock, duration, NO_VALUE, number, significant } from "./format.js";
 import { stateText } from "./queue_items.js";
 import { underWay } from "./state.js";
 
@@ -60,9 +60,9 @@ export const queueText = (queue) =>
 /** Torque and speed; of a sensor that does not pass the mean the set-point alone says how much. @param {any} state */
 export function motionText(state) {
   if (state.torque_set_Nm === null) return "";
-  const measured = state.mean_measured && state.torque_Nm !== null ? `${number(state.torque_Nm, 2)} of ` : "";
+  const measured = state.mean_measured && state.torque_Nm !== null ? `${significant(state.torque_Nm)} of ` : "";
   const speed = state.speed_Hz === null ? NO_VALUE : `${number(state.speed_Hz, 2)} Hz`;
-  return `${measured}${number(state.torque_set_Nm, 2)} Nm set \u00b7 ${speed}`;
+  return `${measured}${significant(state.torque_set_Nm)} Nm set \u00b7 ${speed}`;
 }
 
 /** @param {any} state */

@@ -1,7 +1,7 @@
 /** Estimates with their 95 % intervals as a small plot, and a curve; drawn as SVG. */
 
 import { svg } from "./dom.js";
-import { number } from "./format.js";
+import { number, significant } from "./format.js";
 
 const WIDTH = 330;
 const ROW = 22;
@@ -43,12 +43,12 @@ export function turnCurve(values, unit) {
   const y = (/** @type {number} */ v) => (top + bottom) / 2 - (v / high) * ((bottom - top) / 2);
   const step = Math.max(1, Math.floor(values.length / 1024));
   const points = values.filter((_, i) => i % step === 0).map((v, i, all) => `${(left + ((right - left) * i) / (all.length - 1)).toFixed(1)},${y(v).toFixed(1)}`);
-  return svg("svg", { class: "curve", viewBox: `0 0 ${WIDTH} ${height}`, role: "img", "aria-label": `Cogging torque over one turn, at most ${number(high, 3)} ${unit}` },
+  return svg("svg", { class: "curve", viewBox: `0 0 ${WIDTH} ${height}`, role: "img", "aria-label": `Cogging torque over one turn, at most ${significant(high)} ${unit}` },
     svg("line", { class: "rail", x1: left, x2: right, y1: y(0), y2: y(0) }),
     svg("polyline", { class: "line", points: points.join(" ") }),
-    svg("text", { class: "axis", x: left - 4, y: y(high) + 8 }, number(high, 2)),
+    svg("text", { class: "axis", x: left - 4, y: y(high) + 8 }, significant(high, 2)),
     svg("text", { class: "axis", x: left - 4, y: y(0) + 4 }, "0"),
-    svg("text", { class: "axis", x: left - 4, y: y(-high) }, number(-high, 2)),
+    svg("text", { class: "axis", x: left - 4, y: y(-high) }, significant(-high, 2)),
     svg("text", { class: "tick", x: left, y: height - 3 }, "0\u00b0"),
     svg("text", { class: "tick", x: (left + right) / 2, y: height - 3 }, "180\u00b0"),
     svg("text", { class: "tick end", x: right, y: height - 3 }, "360\u00b0"));

@@ -2,6 +2,7 @@
 
 import { CalibrationPanel } from "./calibration.js";
 import { byId, setText } from "./dom.js";
+import { number } from "./format.js";
 import { Health } from "./health.js";
 import { startKeys } from "./keys.js";
 import { Marks } from "./marks.js";
@@ -66,7 +67,7 @@ bench.on("error", ({ message }) => messages.say("error", `The server ends the co
 bench.on("state", (state) => {
   const { tick } = state;
   const mean = bench.sensorPassesMean ? "" : " (mean not measured)";
-  setText(byId("ripple"), tick?.torque_ripple_Nm != null ? `ripple ${(1000 * tick.torque_ripple_Nm).toFixed(0)} mNm RMS${mean}` : "");
+  setText(byId("ripple"), tick?.torque_ripple_Nm != null ? `ripple ${number(1000 * tick.torque_ripple_Nm, bench.torqueDigits - 2)} mNm RMS${mean}` : "");
 });
 
 document.addEventListener("visibilitychange", () => {

@@ -53,6 +53,7 @@ export class Traces {
       this._signalChoice();
       this._layout();
     }
+    for (const trace of this._groups.get("torque") ?? []) trace.digits = this._bench.torqueDigits + 1;
     this._ask();
   }
 
