@@ -5,12 +5,14 @@ import asyncio
 import pytest
 
 from motord import config
+from motord.api.requests import LeaseAcquire
 from motord.dashboard import app
 from motord.dashboard.frames import decode
 from motord.dashboard.live_bench import LiveBench
 from motord.dashboard.page import sending
 from motord.dashboard.page.live_page import CALLS_MAX, LivePage
 from motord.dashboard.page.messages import RpcCall
+from motord.dashboard.page.pages import Pages
 from motord.dashboard.page.sending import PageGone
 from motord.security.roles import Role
 from tests.support.patience import PATIENCE_S
@@ -87,3 +89,10 @@ def test_stops_without_end_are_not_all_kept():
 
     called = asyncio.run(main())
     assert (called.count("note"), called.count("stop")) == (CALLS_MAX, CALLS_MAX)
+
+
+def test_a_long_name_of_user_and_host_leaves_room_for_the_number_of_the_page():
+    bench = LiveBench("sim", config.load().model_dump(mode="json"))
+    page = Pages(bench, FakeLink(), "a" * 40 + "@" + "b" * 40).open(Role.OPERATOR)
+    asked = LeaseAcquire(holder=page.lease.holder)
+    assert asked.holder.endswith("b page 1")

@@ -12,6 +12,7 @@ from motord.api.queue_messages import QueueView
 from motord.api.queue_requests import QUEUE_LIST
 from motord.api.requests import CALIBRATION_SHOW
 from motord.client import ClientError
+from motord.client.holder import LENGTH_MAX
 from motord.dashboard.bench_link import BenchLink, Item
 from motord.dashboard.live_bench import LiveBench
 from motord.dashboard.page.live_page import LivePage
@@ -94,7 +95,9 @@ class Pages:
     def open(self, role: Role) -> LivePage:
         """Return a new page."""
         self._number += 1
-        page = LivePage(f"{self._who} page {self._number}", role, self.bench, self._link)
+        number = f" page {self._number}"
+        holder = self._who[: LENGTH_MAX - len(number)] + number
+        page = LivePage(holder, role, self.bench, self._link)
         self._open.add(page)
         return page
 
