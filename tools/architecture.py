@@ -22,9 +22,11 @@ INK, SOFT, PAPER, FILL, LINE = "#20242b", "#626b78", "#ffffff", "#f3f5f8", "#167
 LAYERS = {
     "cli": "what people type",
     "reproduce": "Poels 2008 again",
+    "dashboard": "pages and viewers",
     "client": "what others import",
     "service": "the supervisor",
     "api": "what both share",
+    "verdict": "from many recordings",
     "experiments": "what is measured",
     "security": "who gets in",
     "recorder": "a process of its own",
