@@ -68,6 +68,17 @@ def test_the_form_has_the_defaults_of_the_daemon_that_is_there(server, visit: Wa
     shows(page, "#plan-start-why", "Check it first")
 
 
+def test_a_plan_that_is_discarded_leaves_no_mesh(server, visit: Watched):
+    page, stand_in = visit(server.urls.operator), server.stand_in
+    take_command(page)
+    stand_in.points_max = 1
+    start_plan(page)
+    expect(page.locator("#mesh td.done")).to_have_count(1)
+    stand_in.do(lambda: setattr(stand_in, "plan", None))
+    shows(page, "#plan-none", "No plan has run")
+    expect(page.locator("#mesh-box")).to_be_hidden()
+
+
 def test_a_plan_with_targets_shows_its_precision_shrinking(server, visit: Watched):
     page = visit(server.urls.operator)
     take_command(page)

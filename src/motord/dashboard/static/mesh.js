@@ -46,12 +46,18 @@ export class Mesh {
   constructor(bench) {
     this._bench = bench;
     this._key = "";
+    this._planless = false;
     bench.on("mesh", () => this._show());
     bench.on("plan", () => this._show());
+    bench.on("state", ({ plan }) => { // one that was discarded is in no document
+      if ((plan === null) === this._planless) return;
+      this._planless = plan === null;
+      this._show();
+    });
   }
 
   _show() {
-    const mesh = this._bench.mesh;
+    const mesh = this._planless ? null : this._bench.mesh;
     const points = /** @type {Point[]} */ (mesh?.points ?? []);
     const taking = underWay(this._bench.plan); // the mesh of one that has ended says what it was at
     const key = JSON.stringify([mesh, taking]);
