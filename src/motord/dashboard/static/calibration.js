@@ -6,6 +6,7 @@ import { intervalPlot, turnCurve } from "./intervals.js";
 
 const PHASES = ["a", "b", "c"];
 const ORDERS_SHOWN = 6;
+const AGAIN_MS = 1000;
 const SEVERITIES = ["serious", "warning", "note"];
 
 export class CalibrationPanel {
@@ -52,7 +53,7 @@ export class CalibrationPanel {
       byId("calibration-box").hidden = !any;
       if (any) await this._show(inForce || calibrations[0].id);
     } catch (error) {
-      this._id = null;
+      setTimeout(() => { this._id = null; }, AGAIN_MS); // and the next state asks again
       if (/** @type {any} */ (error).code === "disconnected") return;
       setText(byId("calibration-empty"), `Not known: ${/** @type {Error} */ (error).message}`);
       byId("calibration-empty").hidden = false;
