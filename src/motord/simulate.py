@@ -72,7 +72,7 @@ def require_room(config: Config, plan: Plan, folder: Path) -> None:
             raise PlanFailed(
                 f"{plan.name}: about {two_digits(plan.seconds / 3600)} h on the bench, and its "
                 f"recording about {two_digits(needed / 1e9)} GB; {folder} has "
-                f"{two_digits(free / 1e9)} GB: shorten it, or name a file with more room"
+                f"{two_digits(free / 1e9)} GB: shorten it, or name a file where there is more"
             )
 
 
