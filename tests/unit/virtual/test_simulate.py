@@ -99,7 +99,7 @@ def test_what_does_not_fit_on_the_disk_is_not_begun(
     monkeypatch.setattr("motord.simulate.free_bytes", lambda folder: 1e9)
     code, _, err = run("calibrate", *SMALL, "--set", "settle_s=86400", "-o", tmp_path / "run.mcap")
     assert code == 1
-    assert "shorten it, or name a file with more" in err
+    assert "shorten it, or name a file where there is more" in err
 
 
 def test_a_long_plan_is_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
