@@ -122,21 +122,26 @@ def pin(cpu: int | None) -> RealtimeItem:
 def schedule(priority: int) -> RealtimeItem:
     """Run as SCHED_FIFO at `priority`, or at the highest one allowed."""
     wanted = f"SCHED_FIFO {priority}"
-    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
     _, limit = resource.getrlimit(resource.RLIMIT_RTPRIO)
     resource.setrlimit(resource.RLIMIT_RTPRIO, (limit, limit))
+    refusal = _refusal(priority)
+    if not refusal:
+        return _all_of("scheduler", wanted)
+    how = f"LimitRTPRIO={priority} in the unit, or `rtprio {priority}` in /etc/security/limits.d"
+    if 0 < limit < priority and not _refusal(limit):
+        why = f"priority is limited to {limit}"
+        return _less("scheduler", wanted, f"SCHED_FIFO {limit}", why, how)
+    return _less("scheduler", wanted, "normal priority", refusal, how)
+
+
+def _refusal(priority: int) -> str:
+    """Run as SCHED_FIFO at `priority`; return why the kernel refuses that, "" if it does not."""
+    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
     try:
         os.sched_setscheduler(0, policy, os.sched_param(priority))
     except OSError as error:
-        how = (
-            f"LimitRTPRIO={priority} in the unit, or `rtprio {priority}` in /etc/security/limits.d"
-        )
-        if not 0 < limit < priority:
-            return _less("scheduler", wanted, "normal priority", str(error.strerror), how)
-        os.sched_setscheduler(0, policy, os.sched_param(limit))
-        why = f"priority is limited to {limit}"
-        return _less("scheduler", wanted, f"SCHED_FIFO {limit}", why, how)
-    return _all_of("scheduler", wanted)
+        return str(error.strerror)
+    return ""
 
 
 def has_capability(number: int, status: Path = Path("/proc/self/status")) -> bool:

@@ -141,6 +141,8 @@ def test_scheduler(monkeypatch: pytest.MonkeyPatch, limits: dict[int, int]) -> N
     lower = rt_setup.schedule(80)
     assert (lower.got, lower.granted) == ("SCHED_FIFO 20", False)
     assert asked == [80, 80, 80, 20]
+    highest = 0  # a control group without real-time bandwidth refuses whatever the limit grants
+    assert rt_setup.schedule(80).got == "normal priority"
 
 
 def test_pinning(monkeypatch: pytest.MonkeyPatch) -> None:
