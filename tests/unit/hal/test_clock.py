@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motord.config import CanBusConfig, ChannelConfig, packaged
+from motord.hal.base import DeviceError
 from motord.hal.bridge.clock import HEARTBEAT_LATENCY_NS, BoardClock
 from motord.hal.bridge.drift_estimator import SampleBound
 from motord.hal.can.base import BusState, CanFrame
@@ -370,6 +371,22 @@ class Frames:
     def close(self) -> None: ...
 
 
+DBC, TEMPERATURE = packaged("inverter.dbc"), "InverterStatus.Temperature"
+
+
+def temperature_channel(port: ListeningPort, timeout_s: float = 3.0) -> CanChannel:
+    channel = ChannelConfig.model_validate(
+        {
+            "name": "t_C",
+            "unit": "degC",
+            "rate_Hz": 1.0,
+            "timeout_s": timeout_s,
+            "source": {"driver": "can", "dbc": DBC, "signal": TEMPERATURE},
+        }
+    )
+    return CanChannel(channel, port)
+
+
 @pytest.mark.parametrize("set_ns", SETS_NS)
 def test_a_slow_channel_goes_on_when_the_systems_clock_is_set(
     clocks: Clocks, monkeypatch: pytest.MonkeyPatch, set_ns: int
@@ -378,17 +395,8 @@ def test_a_slow_channel_goes_on_when_the_systems_clock_is_set(
     unseen_s = 1e-9 * abs(set_ns) + 1e-6 if abs(set_ns) < SECOND_NS else 1e-6
     bus = Frames()
     monkeypatch.setattr("motord.hal.channels.can.open_bus", lambda *_: bus)
-    dbc, signal = packaged("inverter.dbc"), "InverterStatus.Temperature"
-    channel = ChannelConfig.model_validate(
-        {
-            "name": "t_C",
-            "unit": "degC",
-            "rate_Hz": 1.0,
-            "source": {"driver": "can", "dbc": dbc, "signal": signal},
-        }
-    )
-    codec = signal_codec(dbc, signal)
-    read = CanChannel(channel, ListeningPort(CanBusConfig()))
+    codec = signal_codec(DBC, TEMPERATURE)
+    read = temperature_channel(ListeningPort(CanBusConfig()))
     read.open()
     for second in range(20):
         clocks.ahead_ns += set_ns if second == 5 else 0
@@ -401,3 +409,29 @@ def test_a_slow_channel_goes_on_when_the_systems_clock_is_set(
         assert sample.value == second
         assert sample.age_s == pytest.approx(0.2, abs=unseen_s)
         assert read.read() is None
+
+
+def test_a_bus_that_is_silent_is_opened_anew(
+    clocks: Clocks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An adapter that was away and is back says nothing, not even that it failed."""
+    opened: list[Frames] = []
+
+    def open_bus(*_: object) -> Frames:
+        opened.append(Frames())
+        return opened[-1]
+
+    monkeypatch.setattr("motord.hal.channels.can.open_bus", open_bus)
+    port = ListeningPort(CanBusConfig())
+    patient, hasty = temperature_channel(port, 5.0), temperature_channel(port)
+    patient.open()
+    hasty.open()
+    clocks.monotonic += 5 * SECOND_NS
+    assert hasty.read() is None  # the other one may still be waiting for its message
+    clocks.monotonic += 1
+    with pytest.raises(DeviceError, match="no message of its channels came for 5 s"):
+        hasty.read()
+    hasty.close()
+    hasty.open()
+    assert len(opened) == 2
+    assert hasty.read() is None

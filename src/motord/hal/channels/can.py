@@ -16,34 +16,48 @@ from motord.wire.can.dbc import signal_codec
 
 
 class ListeningPort:
-    """The bus that several channels listen to, with the newest payload of each message."""
+    """The bus that several channels listen to, with the newest payload of each message.
+
+    One that is silent for as long as the most patient of its channels waits has to be opened anew:
+    of an adapter that was away and is back nothing comes, and no error either.
+    """
 
     def __init__(self, config: CanBusConfig) -> None:
         self._config = config
         self._bus: CanBus | None = None
         self._keys: set[int] = set()
         self._clock = LoopClock()
+        self._timeout_s = 0.0
+        self._heard_ns = 0
         self.newest: dict[int, tuple[bytes, int]] = {}
         """By key: payload, and when it came (monotonic ns)."""
 
-    def open(self, key: int) -> None:
+    def open(self, key: int, timeout_s: float) -> None:
         """Listen to messages of this key, too. Raises DeviceError."""
         self._keys.add(key)
+        self._timeout_s = max(self._timeout_s, timeout_s)
         if self._bus is None:
             self._bus = open_bus(self._config, self._config.place)
+            self._heard_ns = time.monotonic_ns()
         self._bus.listen(self._keys)
 
     def pump(self) -> None:
-        """Take what has come. Raises DeviceError for a bus that is off."""
+        """Take what has come. Raises DeviceError for a bus that is off or has to be opened anew."""
         if self._bus is None:
             raise DeviceError(f"{self._config.place}: not open")
         now_ns, stamped = time.monotonic_ns(), self._clock.from_system
         self._clock.observe(now_ns)
         while frames := self._bus.receive():
+            self._heard_ns = now_ns
             for key, payload, stamp_ns in frames:
                 self.newest[key] = payload, stamped(stamp_ns) if stamp_ns else now_ns
         if self._bus.state.off:
             raise DeviceError(f"{self._config.place}: the CAN controller is off the bus")
+        if now_ns - self._heard_ns > round(self._timeout_s * 1e9):
+            raise DeviceError(
+                f"{self._config.place}: no message of its channels came for {self._timeout_s:g} s; "
+                "are adapter and sensor connected and on?"
+            )
 
     def close(self) -> None:
         """Leave the bus."""
@@ -72,11 +86,12 @@ class CanChannel:
                 f"timeout_s = {channel.timeout_s:g} would be over although the sensor is well; "
                 f"make it at least {rounded_up(least_s):g}"
             )
+        self._timeout_s = channel.timeout_s
         self._seen_ns = 0
 
     def open(self) -> None:
         """Open the bus, or join those who have. Raises DeviceError."""
-        self._port.open(self._codec.key)
+        self._port.open(self._codec.key, self._timeout_s)
 
     def read(self) -> RawSample | None:
         """Return the signal in the newest frame, None if none has come since the last call.
