@@ -2,7 +2,8 @@
 
 Both directions of every message: the daemon encodes the command and decodes the feedback, the
 emulated drive the other way round. A message may carry an alive counter, one more with each frame
-modulo 2 to its width, and a CRC: CRC-8/SAE-J1850 over every byte of the payload but its own.
+up to the greatest value that width and DBC allow, then 0, and a CRC: CRC-8/SAE-J1850 over every
+byte of the payload but its own.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -171,10 +171,11 @@ class _Drafts:
         if not name:
             return
         draft, signal = self._existing(key, name)
-        if signal.is_signed or not _is_whole(signal):
-            raise self._names.error(key, f"{name} must be an unsigned {_WHOLE}")
         counter = SignalCodec(signal, draft.message.length)
-        draft.checks = replace(draft.checks, counter=counter, counter_modulus=1 << signal.length)
+        least, greatest, _ = counter.steps
+        if signal.is_signed or not _is_whole(signal) or not least == 0 < greatest:
+            raise self._names.error(key, f"{name} must be an unsigned {_WHOLE}, from 0 on")
+        draft.checks = replace(draft.checks, counter=counter, counter_modulus=int(greatest) + 1)
 
     def guard(self, key: str, name: str) -> None:
         if not name:
