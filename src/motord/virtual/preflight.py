@@ -17,6 +17,7 @@ from motord.config.motor import MotorConfig
 from motord.config.motor.back_emf import BackEmfTable
 from motord.rig.truth import (
     MAX_ORDER,
+    MAX_ORDERS,
     BrakeTruth,
     DriveTruth,
     EncoderTruth,
@@ -102,9 +103,13 @@ def _phase_order(motor: MotorConfig) -> PhaseOrder:
 
 
 def _harmonics(motor: MotorConfig) -> tuple[BackEmfHarmonic, ...]:
-    """Return the back-EMF as harmonics; of a measured table, those of phase a that matter."""
+    """Return the back-EMF as harmonics: the largest that a rig can have.
+
+    Of a measured table, those of phase a that matter.
+    """
     if not isinstance(motor.back_emf, BackEmfTable):
-        return motor.back_emf
+        able = [h for h in motor.back_emf if h.order * motor.pole_pairs <= MAX_ORDER]
+        return tuple(sorted(able, key=lambda h: -abs(h.amplitude_V_s_per_rad))[:MAX_ORDERS])
     lines = np.fft.rfft(motor.back_emf.values[:, 0]) * 2 / motor.counts
     orders = [h for h in HARMONICS if h * motor.pole_pairs < min(lines.size, MAX_ORDER)]
     found = {h: complex(lines[h * motor.pole_pairs]) for h in orders}

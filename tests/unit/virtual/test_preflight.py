@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motord.config import ConfigError, load, packaged
+from motord.config import BackEmfHarmonic, ConfigError, load, packaged
 from motord.config.experiments import plan_kinds
 from motord.config.motor.back_emf import BackEmfTable
 from motord.experiments.plans import build
@@ -121,6 +121,17 @@ def test_a_measured_back_emf_becomes_harmonics():
         for h in truth.motor.back_emf
     )
     assert np.allclose(again, table.values[:, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize(("pole_pairs", "orders"), [(160, 12), (8, 40)])
+def test_a_back_emf_of_more_than_a_rig_can_have_keeps_its_largest_harmonics(pole_pairs, orders):
+    waves = tuple(
+        BackEmfHarmonic(order=h, amplitude_V_s_per_rad=h**-2.0)
+        for h in range(2 * orders - 1, 0, -2)
+    )
+    _, truth = nominal_rig(changed(load(REAL), motor={"pole_pairs": pole_pairs, "back_emf": waves}))
+    kept = [h.order for h in truth.motor.back_emf]
+    assert kept == list(range(1, min(2000 // pole_pairs, 63) + 1, 2))
 
 
 def test_a_release_by_a_simulated_hand_can_be_tried_out():
