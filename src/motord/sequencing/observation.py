@@ -163,7 +163,7 @@ class TickWatcher:
         np.subtract(angle_rad[1:], angle_rad[:-1], out=steps_rad[1:])
         steps_rad -= 2 * np.pi * np.rint(steps_rad / (2 * np.pi))
         turned_rad = self._turned_rad + steps_rad.cumsum()
-        self._watch_point(ticks, turned_rad)
+        first = self._watch_point(ticks, turned_rad)
         self._point_temperatures_C = {
             name: self._point_temperatures_C.get(name, TemperatureSpan()).with_reading(one)
             for name, one in channels.items()
@@ -171,9 +171,9 @@ class TickWatcher:
         }
         self._angle_rad, self._turned_rad = float(angle_rad[-1]), float(turned_rad[-1])
         speed_rad_s = ticks["speed_rad_s"].astype(float)
-        self._point_ticks += ticks.size
+        self._point_ticks += ticks.size - first
         sum_rad_s = float(speed_rad_s.sum())
-        self._point_speed_rad_s += sum_rad_s
+        self._point_speed_rad_s += float(speed_rad_s[first:].sum())
         turn_speed_Hz = self._turn_speed_Hz(turned_rad, speed_rad_s, sum_rad_s)
         slowest_Hz, fastest_Hz = self._range_of_turn_speeds(turn_speed_Hz)
         return Observation(
@@ -202,10 +202,11 @@ class TickWatcher:
             channels=channels,
         )
 
-    def _watch_point(self, ticks: np.ndarray, turned_rad: np.ndarray) -> None:
+    def _watch_point(self, ticks: np.ndarray, turned_rad: np.ndarray) -> int:
+        """Return at which of the ticks this plan_point begins, 0 if before them."""
         point = int(ticks["plan_point"][-1])
         if point == self._point:
-            return
+            return 0
         first = int(np.argmax(ticks["plan_point"] == point))
         self._point = point
         self._point_first = (int(ticks["tick"][first]), int(ticks["t_ns"][first]))
@@ -214,6 +215,7 @@ class TickWatcher:
         self._point_turn_speeds_Hz = None
         self._point_temperatures_C = {}
         self._point_counts = (int(ticks["missed"][first]), int(ticks["link_errors"][first]))
+        return first
 
     def _range_of_turn_speeds(self, speed_Hz: float) -> tuple[float, float]:
         """Return the range of the means over turns that were all turned with this plan_point."""

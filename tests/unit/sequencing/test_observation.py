@@ -56,3 +56,15 @@ def test_a_rotor_that_stands_has_no_speed() -> None:
 def test_a_turn_within_a_block_is_no_problem() -> None:
     found = turn_speeds_Hz(TickWatcher(), 30.0, 1, 1.0)
     assert found[-1] == pytest.approx(30.0, rel=0.1)
+
+
+def test_a_point_that_begins_within_a_block_has_the_ticks_since_then() -> None:
+    ticks = np.zeros(2 * BLOCK, TICK_DTYPE)
+    ticks["plan_point"] = -1
+    ticks["plan_point"][30:] = 4
+    ticks["speed_rad_s"] = np.where(np.arange(ticks.size) < 30, 9.0, 2 * np.pi)
+    watcher = TickWatcher()
+    for block, expected in ((ticks[:BLOCK], BLOCK - 30), (ticks[BLOCK:], 2 * BLOCK - 30)):
+        seen = watcher.take(block)
+        assert seen.point_ticks == expected
+        assert seen.point_speed_Hz == pytest.approx(1.0, rel=1e-6)
