@@ -2,8 +2,8 @@
 
 The loop talks to one `Rig`: it reads everything into one feedback record and writes one command
 record, without blocking and without allocating. `WireRig` makes one of an `InverterDriver` and a
-`BridgeDriver`; `hal.sim.SimRig` is the simulated bench. The brake and the external drive are slow
-`SetpointDevice`s that the supervisor's Modbus thread owns.
+`BridgeDriver`; `hal.sim.rig.SimRig` is the simulated bench. The brake and the external drive are
+slow `SetpointDevice`s that the supervisor's Modbus thread owns.
 """
 
 from typing import NamedTuple, Protocol, runtime_checkable

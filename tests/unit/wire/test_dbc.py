@@ -161,6 +161,27 @@ def test_an_integer_whose_low_bits_would_be_lost(tmp_path: Path) -> None:
     assert "Wide.Word must be an integer without scale, of 53 bits" in error_of(path, **names)
 
 
+@pytest.mark.parametrize(
+    ("wrong", "expected"),
+    [
+        (("Currents: 7", "Currents: 100"), "Currents has 100 bytes, a CAN FD frame 64 at most"),
+        (("(0.01,0) [-100", "(1E+400,0) [-100"), "a factor of inf"),
+        (("(0.01,0) [-100", "(0.01,1E+400) [-100"), "an offset of inf"),
+    ],
+)
+def test_what_no_frame_can_carry_is_refused(
+    tmp_path: Path, wrong: tuple[str, str], expected: str
+) -> None:
+    text = HEADER + COMMAND.format(identifier=1) + FEEDBACK
+    assert expected in error_of(write(tmp_path, text.replace(*wrong)))
+
+
+def test_limits_beyond_every_number_are_none(tmp_path: Path) -> None:
+    text = HEADER + COMMAND.format(identifier=1) + FEEDBACK
+    codec = load(write(tmp_path, text.replace("[-100|100]", "[-100|1E+400]")))
+    assert codec.command.steps("i_a_A")[1] == 327.67
+
+
 def test_files_that_are_no_dbc(tmp_path: Path) -> None:
     assert "No such file" in error_of(tmp_path / "missing.dbc")
     assert "not a valid DBC: Invalid syntax at line 1" in error_of(write(tmp_path, "hello"))

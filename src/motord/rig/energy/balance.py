@@ -6,7 +6,7 @@
 W_em and W_cog are the work that `rig.mechanics` does on the rotor, so that nothing is lost between
 them. P_0, V and r: losses of the inverter, which it has while it is on; V stands for switching and
 the forward voltage, r for conduction. R_p is the phase's at its temperature: the
-network of `rig.thermal`, with a third of the winding for each phase.
+network of `rig.energy.thermal`, with a third of the winding for each phase.
 """
 
 import numpy as np

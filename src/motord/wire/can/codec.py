@@ -151,7 +151,7 @@ class MessageCodec:
 
 @dataclass(frozen=True)
 class InverterCodec:
-    """All messages of one drive, from `wire.dbc.load`."""
+    """All messages of one drive, from `wire.can.dbc.load`."""
 
     command: MessageCodec
     feedback: tuple[MessageCodec, ...]

@@ -26,7 +26,7 @@ from motord.wire.can.codec import (
     InverterCodec,
     MessageCodec,
 )
-from motord.wire.can.frame_format import CLASSIC_BYTES, EXTENDED
+from motord.wire.can.frame_format import CLASSIC_BYTES, EXTENDED, FD_BYTES
 from motord.wire.can.signal import FLOAT_BITS, SignalCodec
 
 _WHOLE_BITS = sys.float_info.mant_dig
@@ -234,6 +234,9 @@ class _Names:
         if message is None:
             known = _near(message_name, self._messages)
             raise self.error(key, f"the DBC has no message {message_name}; {known}")
+        if message.length > FD_BYTES:
+            what = f"{message_name} has {message.length} bytes, a CAN FD frame {FD_BYTES} at most"
+            raise self.error(key, what)
         signals = {signal.name: signal for signal in message.signals}
         signal = signals.get(signal_name)
         if signal is None:
@@ -241,8 +244,9 @@ class _Names:
             raise self.error(key, f"message {message_name} has no signal {signal_name}; {known}")
         if signal.multiplexer_ids:
             raise self.error(key, f"{name} is multiplexed, which motord does not support")
-        if not signal.scale:
-            raise self.error(key, f"{name} has a factor of 0, so that it says nothing")
+        if not signal.scale or not math.isfinite(signal.scale) or not math.isfinite(signal.offset):
+            what = f"a factor of {signal.scale:g} and an offset of {signal.offset:g}"
+            raise self.error(key, f"{name} has {what}, so that it says nothing")
         if signal.is_float and signal.length not in FLOAT_BITS:
             raise self.error(key, f"{name} is a floating-point number of {signal.length} bits")
         return message, signal

@@ -90,7 +90,7 @@ def _raw_range(signal: Signal) -> tuple[int, int]:
         for limit in (signal.minimum, signal.maximum)
         if limit is not None
     ]
-    if len(limits) == 2:
+    if len(limits) == 2 and all(map(math.isfinite, limits)):
         least, greatest = math.ceil(min(limits) - 1e-6), math.floor(max(limits) + 1e-6)
         if low <= greatest and least <= high and least <= greatest:
             return max(low, least), min(high, greatest)
