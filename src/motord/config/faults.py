@@ -16,6 +16,8 @@ from motord.config.reading import read_toml, validate
 
 EVERYWHERE = frozenset({"virtual", "sim", "emulate"})
 WIRES = frozenset({"virtual", "emulate"})
+LATE_MAX_S = 1
+"""By which a frame may be late."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,7 @@ class Fault(Section):
     temperature_C: Finite | None = None
     bus_V: NonNegative | None = None
     fraction: Annotated[float, Field(gt=0, le=1)] | None = None
-    delay_s: Annotated[float, Field(gt=0, le=1)] | None = None
+    delay_s: Annotated[float, Field(gt=0, le=LATE_MAX_S)] | None = None
     jump_s: Finite | None = None
 
     @model_validator(mode="before")

@@ -5,12 +5,14 @@ rig, all zero if it is left alone; `RIG_OUTPUT` is what its sensors say. SI unit
 b, c.
 """
 
+from motord.config.timing import RATE_MAX_HZ
 from motord.rig.faults import FAULT_STATE, INJECTED
 from motord.rig.truth import MAX_DEPARTURES, MAX_ORDERS
+from motord.rig.truth.inverter import DEAD_TIME_MAX_S
 from motord.rig.truth.swing import MAX_SPRINGS
 from motord.schema import record_dtype
 
-QUEUE_LENGTH = 32
+QUEUE_LENGTH = round(DEAD_TIME_MAX_S * RATE_MAX_HZ) + 2
 """Current commands that can be under way at once during the dead time."""
 
 HARMONICS = record_dtype(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from motord.config import Config, ConfigError
-from motord.config.faults import Fault, Timeline, load_timeline
+from motord.config.faults import LATE_MAX_S, Fault, Timeline, load_timeline
 from motord.control import parameters as control_parameters
 from motord.control.park import dq_frame_record
 from motord.control.step import new_memory, step
@@ -19,7 +19,7 @@ from motord.rig.truth import RigTruth, load
 from motord.rig.types import RIG_INPUT, RIG_OUTPUT
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE, Flag
 from motord.virtual.drive import command_to_drive, feedback_from_drive
-from motord.virtual.faults import LATE_TICKS_MAX, Player, deliver, deliver_command, expire, new_link
+from motord.virtual.faults import Player, deliver, deliver_command, expire, new_link
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
@@ -80,7 +80,8 @@ class VirtualBench:
         self._link = new_link(
             seed, config.inverter.timeout_s, config.bridge.heartbeat_timeout_s, config.loop.rate_Hz
         )
-        self._ring, self._fresh = np.zeros(LATE_TICKS_MAX, FEEDBACK), np.zeros(1, FEEDBACK)
+        late_ticks = LATE_MAX_S * config.loop.rate_Hz
+        self._ring, self._fresh = np.zeros(late_ticks + 1, FEEDBACK), np.zeros(1, FEEDBACK)
         self._player = None
         if faults is not None:
             self._player = Player(faults, config.loop.rate_Hz, self._link)

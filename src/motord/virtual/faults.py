@@ -18,9 +18,6 @@ from motord.schema import (
     record_dtype,
 )
 
-LATE_TICKS_MAX = 4096
-"""Samples for which there is room on their way."""
-
 LINK = record_dtype(
     [
         ("random", "u8"),
@@ -61,14 +58,17 @@ def _chance(lk: np.record, fraction: float) -> bool:
 
 @jit
 def deliver(link: np.ndarray, ring: np.ndarray, fresh: np.ndarray, feedback: np.ndarray) -> None:
-    """Deliver what arrives of `fresh`, a FEEDBACK (1,): the rest of `feedback` stays as it was."""
+    """Deliver what arrives of `fresh`, a FEEDBACK (1,): the rest of `feedback` stays as it was.
+
+    ring: the newest samples, FEEDBACK (n,), more than the ticks by which any may be late.
+    """
     lk, f, now = link[0], feedback[0], fresh[0]
     n = lk.tick
-    ring[n % LATE_TICKS_MAX] = now
+    ring[n % ring.size] = now
     lk.tick = n + 1
     f.now_ns = now.now_ns
     if _arrives(lk, n, lk.can_late, lk.can_drop, lk.can_duplicate) and not lk.bus_off:
-        r = ring[(n - lk.can_late) % LATE_TICKS_MAX]
+        r = ring[(n - lk.can_late) % ring.size]
         for phase in range(3):
             f.i_A[phase] = r.i_A[phase]
             f.u_V[phase] = r.u_V[phase]
@@ -79,7 +79,7 @@ def deliver(link: np.ndarray, ring: np.ndarray, fresh: np.ndarray, feedback: np.
         _INVERTER.BUS_OFF if lk.bus_off else 0
     )
     if _arrives(lk, n, lk.bridge_late, lk.bridge_drop, lk.bridge_duplicate) and not lk.board_down:
-        r = ring[(n - lk.bridge_late) % LATE_TICKS_MAX]
+        r = ring[(n - lk.bridge_late) % ring.size]
         f.t_ns, f.encoder_gray, f.torque_Nm = r.t_ns, r.encoder_gray, r.torque_Nm
         status = r.bridge_status | (_BRIDGE.HEARTBEAT_LOST if lk.beat_lost else 0)
         f.bridge_status = status | lk.begun % FAULT_COUNT_MODULUS << FAULT_COUNT_SHIFT

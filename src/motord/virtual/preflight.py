@@ -26,7 +26,7 @@ from motord.rig.truth import (
     TorqueSensorTruth,
     load,
 )
-from motord.rig.truth.inverter import InverterTruth
+from motord.rig.truth.inverter import DEAD_TIME_MAX_S, InverterTruth
 from motord.sequencing import OperatingPoint, Plan
 from motord.sequencing.quality import GOOD
 from motord.virtual.bench import VirtualBench
@@ -38,7 +38,6 @@ SMALLEST_PART = 1e-3
 CURRENT_MARGIN = 1.5
 RESONANCE_MAX_HZ = 3000.0
 BANDWIDTH_MAX_HZ = 5000.0
-DEAD_TIME_MAX_S = 0.01
 
 BY_HAND = frozenset({"inertia-oscillation"})
 """Plans in which an operator has to move the rotor, unless the rig simulates that."""

@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 from scipy import signal
 from scipy.integrate import solve_ivp
 
+from motord.config.timing import RATE_MAX_HZ
+from motord.rig.truth.inverter import DEAD_TIME_MAX_S
 from tests.support.properties import examples
 from tests.unit.rig.probe import Probe, plain
 
@@ -59,10 +61,20 @@ def test_commands_that_follow_each_other_closely_all_take_effect_in_turn() -> No
 @pytest.mark.kernel
 def test_more_commands_than_the_queue_holds_keep_the_last() -> None:
     probe = Probe(plain(rotor=HEAVY, inverter={"dead_time_s": 1e-3})).enable()
-    for step in range(200):
-        probe.command(step * 0.1, 0.0, 0.0).advance(1e-6)
+    for step in range(400):
+        probe.command(step * 0.05, 0.0, 0.0).advance(1e-6)
     probe.advance(6e-3)
-    assert probe.state[0].i_sensed_A[0] == pytest.approx(19.9, abs=1e-6)
+    assert probe.state[0].i_sensed_A[0] == pytest.approx(19.95, abs=1e-6)
+
+
+def test_the_fastest_loop_has_all_its_commands_under_way_in_the_longest_dead_time() -> None:
+    period_s = 1 / RATE_MAX_HZ
+    inverter = {"dead_time_s": DEAD_TIME_MAX_S}
+    probe = Probe(plain(rotor=HEAVY, inverter=inverter), substep_s=period_s).enable()
+    for step in range(300):
+        probe.command(step * 0.1, 0.0, 0.0).advance(period_s)
+    dead_steps = round(DEAD_TIME_MAX_S / period_s)
+    assert probe.state[0].i_command_A[0] == pytest.approx((299 - dead_steps) * 0.1)
 
 
 @given(currents)

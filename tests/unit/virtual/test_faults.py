@@ -8,7 +8,8 @@ import pytest
 from pydantic import ValidationError
 
 from motord.config import Config, ConfigError, load
-from motord.config.faults import KINDS, Fault, Timeline, load_timeline
+from motord.config.faults import KINDS, LATE_MAX_S, Fault, Timeline, load_timeline
+from motord.config.timing import RATE_MAX_HZ
 from motord.control.types import COMMAND, SETPOINT
 from motord.rig.types import RIG_INPUT
 from motord.schema import FAULT_COUNT_SHIFT, Flag, Request, State, Trip
@@ -51,6 +52,15 @@ def test_document_follows_from_the_tables() -> None:
 def test_random_timelines_end_off_or_in_a_trip(seed: int) -> None:
     _, faults, _, _ = campaign.random_run(seed)
     assert not faults
+
+
+def test_samples_come_as_late_as_a_fault_says_also_in_the_fastest_loop() -> None:
+    config = load()
+    loop = config.loop.model_copy(update={"rate_Hz": RATE_MAX_HZ})
+    bench = VirtualBench(config.model_copy(update={"loop": loop}))
+    bench.inject(Fault(kind="bridge_late", delay_s=LATE_MAX_S, for_s=2.0))
+    ticks, _ = bench.run(setpoint(), round(1.5 * RATE_MAX_HZ))
+    assert ticks["sample_age_ns"][-1] == round(1e9 * LATE_MAX_S)
 
 
 @pytest.mark.parametrize("also", [None, "phase_open", "current_stuck"])

@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 
 from motord.config import DqConfig, Finite, NonNegative, PhaseOrder, Positive, Section
 
+DEAD_TIME_MAX_S = 0.01
 MAX_SLOPE = 0.5
 """Steepest nonlinearity of a current sensor: its curve rises, and can be inverted fast."""
 
@@ -50,7 +51,7 @@ class InverterTruth(Section):
     """
 
     bus_V: Positive = 24.0
-    dead_time_s: Annotated[float, Field(ge=0, le=0.01)] = 0.2e-3
+    dead_time_s: Annotated[float, Field(ge=0, le=DEAD_TIME_MAX_S)] = 0.2e-3
     bandwidth_Hz: Annotated[float, Field(gt=0, le=5000)] = 800.0
     current_max_A: Positive = 60.0
     ready_delay_s: NonNegative = 3e-3
