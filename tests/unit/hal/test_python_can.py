@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from typing import ClassVar
 
 import can
 import pytest
@@ -93,3 +94,22 @@ def test_both_ends_of_an_error(pair: tuple[CanBus, can.BusABC]) -> None:
     other.send(can.Message(is_error_frame=True, arbitration_id=0x04, data=b"\0\x20"))
     assert bus.receive() == []
     assert (bus.state.off, bus.state.errors) == (True, 2)
+
+
+def test_a_frame_that_makes_no_sense_is_an_error_and_no_failure_of_the_bus() -> None:
+    """A drive is not refused because an adapter was in the midst of a line when it was opened."""
+
+    class Garbled(can.BusABC):
+        said: ClassVar = [ValueError("no hex"), IndexError(), None]
+
+        def __init__(self) -> None: ...
+
+        def recv(self, timeout: float | None = None) -> None:
+            if (error := self.said.pop(0)) is not None:
+                raise error
+
+        def send(self, msg: can.Message, timeout: float | None = None) -> None: ...
+
+    bus = PythonCan(Garbled(), fd=False, system_stamped=True)
+    assert bus.receive() == []
+    assert (bus.state.failures, bus.state.errors) == (0, 2)

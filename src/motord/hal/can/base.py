@@ -31,6 +31,7 @@ class BusState:
 
     def __init__(self) -> None:
         self.error_frames = 0
+        """Error frames, and frames that make no sense."""
         self.failures = 0
         self.last = ""
         """The last failure, as text."""
