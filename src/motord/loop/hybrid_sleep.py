@@ -29,13 +29,16 @@ class Bandwidth:
 
     @classmethod
     def of_this_kernel(cls, folder: Path = Path("/proc/sys/kernel")) -> "Bandwidth":
-        """Return what the kernel is set to; its default if that is not known."""
+        """Return what the kernel is set to; its default if that is not known.
+
+        A kernel without a limit, or that allows no time at all, stops no thread.
+        """
         try:
             runtime_us = int((folder / "sched_rt_runtime_us").read_text())
             period_us = int((folder / "sched_rt_period_us").read_text())
         except (OSError, ValueError):
             return cls()
-        if runtime_us < 0 or period_us <= 0:
+        if runtime_us <= 0 or period_us <= 0:
             return cls(1.0)
         return cls(min(runtime_us / period_us, 1.0), period_us * 1000)
 

@@ -207,6 +207,7 @@ def test_a_stall_of_the_machine_is_not_paid_back(machine: FakeMachine) -> None:
         ("950000\n", "1000000\n", Bandwidth(0.95, 10**9)),
         ("50000", "100000", Bandwidth(0.5, 10**8)),
         ("-1", "1000000", Bandwidth(1.0, 10**9)),
+        ("0", "1000000", Bandwidth(1.0, 10**9)),
         ("950000", "0", Bandwidth(1.0, 10**9)),
         ("many", "1000000", Bandwidth()),
     ],
