@@ -79,15 +79,16 @@ def lock_memory() -> RealtimeItem:
     _libc.mallopt(_M_MMAP_MAX, 0)
     _, hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     resource.setrlimit(resource.RLIMIT_MEMLOCK, (hard, hard))
-    unlimited = hard == resource.RLIM_INFINITY or has_capability(_CAP_IPC_LOCK)
+    no_limit = hard == resource.RLIM_INFINITY
+    limit = "no limit" if no_limit else f"limit {hard // 1024} KiB"
+    unlimited = no_limit or has_capability(_CAP_IPC_LOCK)
     wanted = "all memory, now and later"
     how = "LimitMEMLOCK=infinity in the unit, or `memlock unlimited` in /etc/security/limits.d"
     if _libc.mlockall(_MCL_CURRENT | (_MCL_FUTURE if unlimited else 0)) != 0:
-        why = f"{os.strerror(ctypes.get_errno())}, limit {hard // 1024} KiB"
+        why = f"{os.strerror(ctypes.get_errno())}, {limit}"
         return _less("memory lock", wanted, "nothing", why, how)
     if not unlimited:
-        why = f"limit {hard // 1024} KiB"
-        return _less("memory lock", wanted, "the memory of now", why, how)
+        return _less("memory lock", wanted, "the memory of now", limit, how)
     return _all_of("memory lock", wanted)
 
 
