@@ -1,4 +1,5 @@
 import os
+import resource
 import select
 import socket
 import threading
@@ -15,7 +16,7 @@ from motord.hal.base import DeviceError
 from motord.hal.modbus import link as modbus_link
 from motord.hal.modbus.client import ModbusClient
 from motord.hal.modbus.link import RtuLink, TcpLink, connect
-from motord.wire.modbus.pdu import ModbusRequest, read, rtu_frame, write
+from motord.wire.modbus.pdu import ModbusRequest, read, write
 from tests.support.patience import PATIENCE_S
 
 
@@ -79,30 +80,64 @@ def test_half_an_answer_is_waited_for_only_so_long() -> None:
         ask(lambda request: request[:2] + b"\0\0\0\5\1\3", read("holding", 0, 1), 0.05)
 
 
-def test_a_computer_that_stalls_looks_once_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The time is over when the link comes to look, but the answer is there."""
+@contextmanager
+def echoing_line(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """Yield a serial port whose device repeats a request, before it is asked."""
     device_fd, host_fd = os.openpty()
     tty.setraw(host_fd)
-    link = RtuLink(ModbusConfig(transport="rtu", serial_port=os.ttyname(host_fd), timeout_s=0.05))
-    question = write(3, [9])
-    clock = count(time.monotonic() + 1.0)
-    monkeypatch.setattr(modbus_link.time, "monotonic", lambda: next(clock))
-    written = modbus_link.serial.Serial.write
+    written = os.write
 
-    def answered(port: object, data: bytes) -> int:
-        os.write(device_fd, rtu_frame(1, question))
+    def answered(port: int, data: bytes) -> int:
+        written(device_fd, data)
         select.select([host_fd], [], [], PATIENCE_S)  # until it has arrived
         return written(port, data)
 
-    monkeypatch.setattr(modbus_link.serial.Serial, "write", answered)
-    assert link.exchange(1, question) == []
-    monkeypatch.undo()
+    with monkeypatch.context() as patched:
+        patched.setattr(modbus_link.os, "write", answered)
+        yield os.ttyname(host_fd)
+    os.close(device_fd)
+    os.close(host_fd)
+
+
+@contextmanager
+def busy_process() -> Iterator[None]:
+    """Have so many files open that the next one has a number of 1024 or more."""
+    soft, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    held = [os.open(os.devnull, os.O_RDONLY)]
+    try:
+        while held[-1] < 1023:
+            held.append(os.open(os.devnull, os.O_RDONLY))
+        yield
+    finally:
+        for descriptor in held:
+            os.close(descriptor)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, most))
+
+
+def test_a_process_with_many_files_open_can_ask(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A daemon has one for each client, and may have to reach its brake anew."""
+    question = write(3, [9])
+    with echoing_line(monkeypatch) as port, busy_process():
+        link = RtuLink(ModbusConfig(transport="rtu", serial_port=port))
+        assert link.exchange(1, question) == []
+        link.close()
+        assert ask(lambda request: request, question) == []
+
+
+def test_a_computer_that_stalls_looks_once_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The time is over when the link comes to look, but the answer is there."""
+    question = write(3, [9])
+    with echoing_line(monkeypatch) as port:
+        link = RtuLink(ModbusConfig(transport="rtu", serial_port=port, timeout_s=0.05))
+        clock = count(time.monotonic() + 1.0)
+        with monkeypatch.context() as patched:
+            patched.setattr(modbus_link.time, "monotonic", lambda: next(clock))
+            assert link.exchange(1, question) == []
     link.close()
     link.close()
     with pytest.raises(OSError, match="closed"):
         link.exchange(1, question)
-    os.close(device_fd)
-    os.close(host_fd)
 
 
 def test_a_line_that_is_never_quiet() -> None:

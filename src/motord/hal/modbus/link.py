@@ -92,7 +92,7 @@ class TcpLink:
 
     def _await(self, size: int, countdown: Countdown) -> None:
         while len(self._rest) < size:
-            if not select.select([self._socket], [], [], countdown.left_s())[0]:
+            if not _readable(self._socket.fileno(), countdown.left_s()):
                 continue
             data = self._socket.recv(CHUNK_BYTES)
             if not data:
@@ -155,7 +155,6 @@ class _SerialLine:
             parity=config.parity,
             stopbits=config.stop_bits,
             timeout=0,
-            write_timeout=config.timeout_s,
             exclusive=True,
         )
         self._quiet_since_s = time.monotonic()
@@ -184,7 +183,9 @@ class _SerialLine:
                 self._close()
 
     def _exchange(self, unit: int, request: ModbusRequest, timeout_s: float) -> ModbusResponse:
-        self._port.write(rtu_frame(unit, request))
+        frame = rtu_frame(unit, request)
+        if os.write(self._port.fileno(), frame) < len(frame):
+            raise BlockingIOError("the port did not take all of a frame")
         countdown = Countdown(timeout_s)
         received = b""
         try:
@@ -205,9 +206,11 @@ class _SerialLine:
 
     def _receive(self, timeout_s: float) -> bytes:
         """Return what has come within `timeout_s`, b"" if nothing. Raises OSError."""
-        if not select.select([self._port], [], [], timeout_s)[0]:
+        if not _readable(self._port.fileno(), timeout_s):
             return b""
-        data: bytes = self._port.read(CHUNK_BYTES)
+        data = os.read(self._port.fileno(), CHUNK_BYTES)
+        if not data:
+            raise ConnectionResetError("the port is gone")
         self._quiet_since_s = time.monotonic()
         return data
 
@@ -219,6 +222,17 @@ class _SerialLine:
 
 
 ModbusLink = TcpLink | RtuLink
+
+
+def _readable(descriptor: int, timeout_s: float) -> bool:
+    """Return whether something has come within `timeout_s`.
+
+    By `poll`: `select`, which pyserial uses, too, knows no descriptor above 1023, and a daemon has
+    one for each client.
+    """
+    poll = select.poll()
+    poll.register(descriptor, select.POLLIN)
+    return bool(poll.poll(1e3 * timeout_s))
 
 
 def _settings(config: ModbusLinkConfig) -> tuple[int, str, int]:
