@@ -277,6 +277,8 @@ class Bridge:
         """Return what is wrong with a link on which no `response` came."""
         assert self._link is not None
         what = f"no {response.__name__} within {self._config.connect_timeout_s:g} s, "
+        if opened := self._identity.opened:
+            return f"{what}although {opened.board_name} has said who it is; reset the board"
         if received := self._link.received:
             return f"{what}{received}; {self._hint}"
         return f"{what}nothing at all; is the board powered, and is this where it is?"
