@@ -11,12 +11,9 @@ from motord.config.devices import InverterConfig
 from motord.rig.free_decay import add_bar
 from motord.rig.noise import gaussian, random_state
 from motord.rig.park import LATCHED, TURNING
-from motord.rig.truth import RigTruth, TorqueSensorTruth
+from motord.rig.truth import SLOW_PERIOD_S, RigTruth, TorqueSensorTruth
 from motord.rig.types import RIG_PARAMETERS, RIG_STATE
 from motord.rig.waves import wave_values
-
-SLOW_PERIOD_S = 5e-3
-"""Time between updates of temperatures and drifts."""
 
 
 def build(

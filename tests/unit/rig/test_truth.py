@@ -46,6 +46,7 @@ def test_packaged_bench_is_configured_with_the_nominal_values_of_its_rig() -> No
         ("[rotor]\ncoulomb_Nm = 1\nstatic_Nm = 0.5\n", r"static_Nm must be at least coulomb_Nm"),
         ("[motor]\npole_pairs = 200\nback_emf = [{order = 11, amplitude_V_s_per_rad = 1}]", "2200"),
         ("[drive]\nbelt_stiffness_Nm_per_rad = 1e8\n", "belt_stiffness_Nm_per_rad is too high"),
+        ("[thermal]\nmagnet_J_per_K = 0.001\n", "a time constant of 0.001 s, .*, is too short"),
         ("[rotor\n", "not valid TOML"),
     ],
 )

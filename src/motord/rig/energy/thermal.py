@@ -27,21 +27,9 @@ class ThermalNetwork:
     truth: RigTruth
 
     def __post_init__(self) -> None:
-        ambient_C, thermal = self.truth.simulation.ambient_C, self.truth.thermal
+        ambient_C = self.truth.simulation.ambient_C
         self.temperatures_C: Temperatures = (ambient_C, ambient_C, ambient_C)
-        out_W_per_K = 1 / thermal.winding_housing_K_per_W + 1 / thermal.winding_magnet_K_per_W
-        through_W_per_K = 1 / thermal.magnet_housing_K_per_W + 1 / thermal.winding_magnet_K_per_W
-        housing_W_per_K = (
-            1 / thermal.winding_housing_K_per_W
-            + 1 / thermal.magnet_housing_K_per_W
-            + 1 / thermal.housing_ambient_K_per_W
-        )
-        fastest_s = min(
-            thermal.winding_J_per_K / out_W_per_K,
-            thermal.magnet_J_per_K / through_W_per_K,
-            thermal.housing_J_per_K / housing_W_per_K,
-        )
-        self._step_s = STEP_SHARE * fastest_s
+        self._step_s = STEP_SHARE * self.truth.thermal.fastest_s
 
     @property
     def named_C(self) -> dict[str, float]:

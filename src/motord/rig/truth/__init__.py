@@ -29,6 +29,9 @@ MAX_ORDERS = 32
 MAX_ORDER = 2000
 """Highest order per turn."""
 
+SLOW_PERIOD_S = 5e-3
+"""Time between updates of temperatures and drifts."""
+
 MAX_DEPARTURES = 8
 """Orders that an encoder's error, a torque sensor's cross-talk or a ripple of friction may have."""
 
@@ -49,6 +52,30 @@ class ThermalTruth(Section):
     housing_ambient_K_per_W: Positive = 0.4
     resistance_per_K: NonNegative = 0.00393
     back_emf_per_K: Annotated[float, Field(ge=-0.01, le=0.01)] = 0.0
+
+    @property
+    def fastest_s(self) -> float:
+        """The shortest time constant of winding, magnets and housing."""
+        to_housing_W_per_K, to_magnet_W_per_K, through_W_per_K, out_W_per_K = (
+            1 / self.winding_housing_K_per_W,
+            1 / self.winding_magnet_K_per_W,
+            1 / self.magnet_housing_K_per_W,
+            1 / self.housing_ambient_K_per_W,
+        )
+        return min(
+            self.winding_J_per_K / (to_housing_W_per_K + to_magnet_W_per_K),
+            self.magnet_J_per_K / (through_W_per_K + to_magnet_W_per_K),
+            self.housing_J_per_K / (to_housing_W_per_K + through_W_per_K + out_W_per_K),
+        )
+
+    @model_validator(mode="after")
+    def _can_be_stepped(self) -> "ThermalTruth":
+        if self.fastest_s < SLOW_PERIOD_S:
+            raise ValueError(
+                f"a time constant of {self.fastest_s:.3g} s, heat capacity times thermal "
+                f"resistance, is too short: at least {SLOW_PERIOD_S:g} s"
+            )
+        return self
 
 
 class TorqueHarmonicTruth(Section):
