@@ -28,7 +28,7 @@ class ListeningPort:
         self._keys: set[int] = set()
         self._clock = LoopClock()
         self._timeout_s = 0.0
-        self._heard_ns = 0
+        self._received_ns = 0
         self.newest: dict[int, tuple[bytes, int]] = {}
         """By key: payload, and when it came (monotonic ns)."""
 
@@ -38,7 +38,7 @@ class ListeningPort:
         self._timeout_s = max(self._timeout_s, timeout_s)
         if self._bus is None:
             self._bus = open_bus(self._config, self._config.place)
-            self._heard_ns = time.monotonic_ns()
+            self._received_ns = time.monotonic_ns()
         self._bus.listen(self._keys)
 
     def pump(self) -> None:
@@ -48,12 +48,12 @@ class ListeningPort:
         now_ns, stamped = time.monotonic_ns(), self._clock.from_system
         self._clock.observe(now_ns)
         while frames := self._bus.receive():
-            self._heard_ns = now_ns
+            self._received_ns = now_ns
             for key, payload, stamp_ns in frames:
                 self.newest[key] = payload, stamped(stamp_ns) if stamp_ns else now_ns
         if self._bus.state.off:
             raise DeviceError(f"{self._config.place}: the CAN controller is off the bus")
-        if now_ns - self._heard_ns > round(self._timeout_s * 1e9):
+        if now_ns - self._received_ns > round(self._timeout_s * 1e9):
             raise DeviceError(
                 f"{self._config.place}: no message of its channels came for {self._timeout_s:g} s; "
                 "are adapter and sensor connected and on?"
