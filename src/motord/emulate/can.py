@@ -49,6 +49,8 @@ class EmulatedBus:
                 continue
             if message is None:
                 return
+            if message.is_error_frame or message.is_remote_frame:
+                continue
             if message.arbitration_id | (EXTENDED if message.is_extended_id else 0) != key:
                 continue
             payload: bytes | None = bytes(message.data)

@@ -55,6 +55,7 @@ def test_corrupt_repeated_and_foreign_frames_are_not_commands(ends):
     host.send(command(1, data=bytes(8)))
     host.send(can.Message(arbitration_id=0x77, is_extended_id=False, data=bytes(8)))
     host.send(command(2, is_extended_id=True))
+    host.send(command(2, is_error_frame=True))  # 0x100 is the class of a controller's restart
     assert len(list(port.receive())) == 1
     assert port.check.errors == 2
 
