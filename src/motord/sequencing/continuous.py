@@ -68,8 +68,6 @@ SPEED_TOLERANCE = 1.3
 REACH_TIMEOUT_S = 10.0
 """Time within which the torque must be reached."""
 
-TORQUE_REACHED_Nm = 1e-3
-
 
 @dataclass(frozen=True)
 class Continuous:
@@ -241,13 +239,12 @@ def _point(point: OperatingPoint, settings: Continuous) -> Motion[Capture]:
     )
     yield from within(
         REACH_TIMEOUT_S,
-        hold(demand.labelled("ramping"), lambda seen: _reached(seen, point.torque_Nm)),
+        hold(
+            demand.labelled("ramping"),
+            lambda seen: math.isclose(seen.torque_set_Nm, point.torque_Nm, rel_tol=1e-6),
+        ),
         lambda seen: f"{demand.label}: the torque is still {seen.torque_set_Nm:.3g} Nm",
     )
     yield from wait(demand.labelled("settling"), SETTLE_S)
     seen = yield from capture(point, demand.labelled("capturing"), BEYOND_TURNS)
     return account(point, seen, quality(seen, settings.band_C), turns_from_start=True)
-
-
-def _reached(seen: Observation, torque_Nm: float) -> bool:
-    return abs(seen.torque_set_Nm - torque_Nm) < TORQUE_REACHED_Nm

@@ -8,8 +8,16 @@ from math import inf, pi
 import numpy as np
 import pytest
 
-from motord.schema import State, joined
-from motord.sequencing import Demand, Executor, OperatingPoint, Plan, PlanState, TickWatcher
+from motord.schema import TICK_DTYPE, State, joined
+from motord.sequencing import (
+    Demand,
+    Executor,
+    OperatingPoint,
+    Plan,
+    PlanState,
+    TickWatcher,
+    continuous,
+)
 from motord.sequencing.brake_servo import excitation_for
 from motord.sequencing.continuous import (
     SETTLE_S,
@@ -37,6 +45,27 @@ SETTINGS = Continuous(
     least_points=2,
 )
 TARGETS = {"beta_A": 0.1}
+
+
+@pytest.mark.parametrize("torque_Nm", [0.0008, -3.1, 100_000.3])
+def test_a_torque_is_reached_to_single_precision_on_a_small_bench_and_a_large_one(
+    torque_Nm: float,
+) -> None:
+    motion = continuous._point(OperatingPoint(0, torque_Nm, 1.0, 1), SETTINGS)
+    next(motion)
+
+    def step(set_Nm: float) -> str:
+        tick = np.zeros(1, TICK_DTYPE)
+        tick["torque_set_Nm"] = set_Nm
+        seen = TickWatcher().take(tick)
+        while not isinstance(asked := motion.send(seen), Demand):
+            pass
+        return asked.label.rpartition(": ")[2]
+
+    assert [step(part * torque_Nm) for part in (0.0, 0.99, 1.0)] == [
+        *("ramping", "ramping"),
+        "settling",
+    ]
 
 
 class Ride:
