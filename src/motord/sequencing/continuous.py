@@ -66,7 +66,7 @@ SPEED_TOLERANCE = 1.3
 """Factor by which the speed may be off, as the brake's curve is never quite the configured one."""
 
 REACH_TIMEOUT_S = 10.0
-"""Time within which the torque must be reached."""
+"""Time within which the torque must be reached, besides that of its ramp."""
 
 
 @dataclass(frozen=True)
@@ -227,8 +227,9 @@ def _unless_reached(point: OperatingPoint, settings: Continuous) -> Motion[_Visi
 @restartable
 def _point(point: OperatingPoint, settings: Continuous) -> Motion[Capture]:
     """Ramp to the point's torque, let the speed follow, capture whole turns from where it is."""
+    began = yield None
     demand = replace(
-        (yield None).demand,
+        began.demand,
         enabled=True,
         torque_Nm=point.torque_Nm,
         speed_Hz=point.speed_Hz,
@@ -237,8 +238,9 @@ def _point(point: OperatingPoint, settings: Continuous) -> Motion[Capture]:
         induced=point.induced,
         label=f"{point.torque_Nm:g} Nm, about {point.speed_Hz:.2g} Hz",
     )
+    ramp_s = abs(point.torque_Nm - began.torque_set_Nm) / settings.rate_Nm_per_s
     yield from within(
-        REACH_TIMEOUT_S,
+        REACH_TIMEOUT_S + ramp_s,
         hold(
             demand.labelled("ramping"),
             lambda seen: math.isclose(seen.torque_set_Nm, point.torque_Nm, rel_tol=1e-6),

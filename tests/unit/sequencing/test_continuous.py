@@ -62,10 +62,15 @@ def test_a_torque_is_reached_to_single_precision_on_a_small_bench_and_a_large_on
             pass
         return asked.label.rpartition(": ")[2]
 
-    assert [step(part * torque_Nm) for part in (0.0, 0.99, 1.0)] == [
-        *("ramping", "ramping"),
-        "settling",
-    ]
+    steps = [step(part * torque_Nm) for part in (0.0, 0.99, 1.0)]
+    assert steps == ["ramping", "ramping", "settling"]
+
+
+def test_a_ramp_may_take_longer_than_a_torque_that_does_not_come() -> None:
+    ride = Ride(replace(SETTINGS, rate_Nm_per_s=0.2), POINTS[:2])
+    ride.bench.rate_Nm_per_s = 0.2
+    ride.finish()
+    assert ride.executor.state is PlanState.DONE, ride.executor.message
 
 
 class Ride:
