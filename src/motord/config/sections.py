@@ -14,6 +14,7 @@ from motord.config.motor import MotorConfig, TorqueSensorConfig
 from motord.config.motor.accuracy import AccuracyConfig
 from motord.config.timing import (
     CURRENT_ERROR,
+    ENABLE_MAX_S,
     FILE_MIN_MB,
     FILE_MIN_S,
     INTERVALS_MIN,
@@ -80,7 +81,7 @@ class LoopConfig(Section):
     )
     """Without a sign of life from the supervisor for so long the torque ramps to zero, then trips.
     """
-    enable_timeout_s: Annotated[float, Field(gt=0, le=10)] = 1.0
+    enable_timeout_s: Annotated[float, Field(gt=0, le=ENABLE_MAX_S)] = 1.0
     """Inverter and enable line have to be ready within this time of being enabled, and say so. A
     status of before they can have been off, if they were disabled just before, does not count."""
     overrun_ticks: Annotated[int, Field(ge=INTERVALS_MIN, le=OVERRUN_TICKS_MAX)] = 50

@@ -14,6 +14,8 @@ would be driven by an outdated command."""
 CONNECT_MAX_S = 60.0
 """A device answers within this time of the start, or is given up: a loop that waits for longer
 hangs."""
+ENABLE_MAX_S = 10.0
+"""A drive is ready within this time of being enabled, or the bench trips."""
 SLOW_FEEDBACK_MAX_S = 0.5
 """No message of the drive's feedback may stay away for longer, however seldom it is sent."""
 OVERRUN_TICKS_MAX = round(SILENCE_MAX_S * RATE_MAX_HZ)

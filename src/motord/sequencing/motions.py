@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import wraps
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
+from motord.config.timing import ENABLE_MAX_S
 from motord.schema import State
 from motord.sequencing.demand import Demand
 from motord.sequencing.observation import Observation
@@ -25,7 +26,10 @@ Motion: TypeAlias = Generator[Demand | Capture | None, Observation, T]
 Fault = Callable[[Observation], str]
 """Says what is wrong with an observation, "" if nothing is."""
 
-
+ENABLE_TIMEOUT_S = ENABLE_MAX_S + 2.0
+"""Time in which a bench is enabled, or has tripped."""
+RAMP_DOWN_TIMEOUT_S = 10.0
+"""Time in which it has ramped down."""
 BRAKE_RISE_S = 0.5
 """Time in which the brake is raised to bring a rotor to rest."""
 
@@ -122,27 +126,27 @@ def near_speed(
 
 
 @restartable
-def enable(compensate: int = 0, timeout_s: float = 5.0, brake: float = 0.0) -> Motion[None]:
+def enable(compensate: int = 0, brake: float = 0.0) -> Motion[None]:
     """Enable the bench at zero torque, the brake at an excitation, and wait until it is."""
     yield from within(
-        timeout_s,
+        ENABLE_TIMEOUT_S,
         hold(
             Demand(enabled=True, brake=brake, compensate=compensate, label="enabling"),
             lambda seen: seen.state is State.ENABLED,
         ),
-        lambda _: f"not enabled within {timeout_s:g} s",
+        lambda _: f"not enabled within {ENABLE_TIMEOUT_S:g} s",
     )
 
 
 @restartable
-def ramp_down(timeout_s: float = 10.0) -> Motion[None]:
+def ramp_down() -> Motion[None]:
     """Ramp the torque to zero, stop the drive, disable; the brake holds until then."""
     seen = yield None
     if seen.state is not State.ENABLED:
         return
     demand = seen.demand.at_rest(enabled=False, label="ramping down")
     yield from within(
-        timeout_s,
+        RAMP_DOWN_TIMEOUT_S,
         hold(demand, lambda seen: seen.state is not State.ENABLED),
         lambda _: "still enabled: the bench did not ramp down",
     )

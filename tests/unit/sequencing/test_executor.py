@@ -7,6 +7,7 @@ import pytest
 
 from motord.config import BrakeConfig
 from motord.config.experiments import plan_kinds
+from motord.config.timing import ENABLE_MAX_S
 from motord.experiments.plans import build
 from motord.schema import State, Trip
 from motord.sequencing import (
@@ -186,6 +187,16 @@ def test_a_stop_from_elsewhere_ends_the_plan() -> None:
     runner.finish()
     assert runner.executor.state is PlanState.ABORTED
     assert not runner.demand.enabled
+
+
+def test_a_bench_has_the_time_to_be_enabled_that_its_file_may_give_it() -> None:
+    runner = Runner()
+    runner.bench.obeys = False
+    begun_ns = runner.bench.t_ns
+    runner.until(lambda: runner.bench.t_ns - begun_ns > 1e9 * ENABLE_MAX_S)
+    assert not runner.executor.finished
+    runner.bench.state = State.ENABLED
+    runner.until(lambda: runner.demand.plan_point == 0)
 
 
 def test_a_bench_that_does_not_enable_fails_the_plan() -> None:

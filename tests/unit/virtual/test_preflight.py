@@ -60,7 +60,7 @@ def test_a_point_that_would_trip_is_named_with_the_cause_and_the_others_are_not(
 
 def test_a_supply_that_is_out_of_bounds_is_found():
     [each] = forecast(changed(load(), limits={"bus_V_min": 25.0}))
-    assert each.trouble == "not enabled within 5 s"
+    assert each.trouble == "not enabled within 12 s"
 
 
 def test_a_brake_that_is_too_weak_is_found():
