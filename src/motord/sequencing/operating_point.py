@@ -1,5 +1,6 @@
 """One operating point of the motor against the brake."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -89,6 +90,10 @@ def hold_speed(
 
 
 def _why_not_reached(seen: Observation, timeout_s: float) -> str:
-    fast = abs(seen.speed_Hz) > abs(seen.demand.speed_Hz)
-    hint = "does the brake answer?" if fast else "is the rotor free?"
+    if not math.isclose(seen.torque_set_Nm, seen.demand.torque_Nm, rel_tol=1e-6):
+        hint = "the torque still ramps: it needs a longer settle_timeout_s"
+    elif abs(seen.speed_Hz) > abs(seen.demand.speed_Hz):
+        hint = "does the brake answer?"
+    else:
+        hint = "is the rotor free?"
     return f"the speed was still {seen.turn_speed_Hz:.3g} Hz after {timeout_s:g} s; {hint}"

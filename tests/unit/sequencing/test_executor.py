@@ -219,6 +219,13 @@ def test_a_speed_that_is_not_reached_fails_with_a_hint(factor: float, hint: str)
     assert runner.bench.state is State.READY  # ramped down, not left running
 
 
+def test_a_torque_that_still_ramps_is_why_a_speed_is_not_reached() -> None:
+    runner = Runner(settings={**SMALL, "settle_timeout_s": 3.0})
+    runner.bench.rate_Nm_per_s = 0.1
+    runner.finish()
+    assert "the torque still ramps: it needs a longer settle_timeout_s" in runner.executor.message
+
+
 def test_a_rotor_that_stops_during_capture_fails_the_plan() -> None:
     runner = Runner()
     runner.until(lambda: runner.demand.plan_point == 0)
