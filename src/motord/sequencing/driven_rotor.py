@@ -36,6 +36,9 @@ APPROACH_S = 3.0
 STANDSTILL_Hz = 0.05
 """Speed below which the rotor counts as standing."""
 
+STOP_S = 30.0
+"""Time in which it comes to rest, or as much as it has to settle at a speed."""
+
 
 def driven_point_s(driven: DrivenConfig, point: OperatingPoint) -> float:
     """Return an estimate of the time that `driven_point` takes (s)."""
@@ -148,11 +151,11 @@ def driven_points(
     yield from ramp_down()
     for point in points:
         yield from retaken_if_poor(driven_point, point, driven, fastest_Hz)
-    yield from stand_still()
+    yield from stand_still(max(STOP_S, driven.settle_timeout_s))
 
 
 @restartable
-def stand_still(timeout_s: float = 30.0) -> Motion[None]:
+def stand_still(timeout_s: float) -> Motion[None]:
     """Stop the drive and wait until the rotor stands."""
     demand = (yield None).demand.at_rest(speed_Hz=0.0, label="coming to rest")
     yield from within(

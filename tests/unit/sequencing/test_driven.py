@@ -177,6 +177,19 @@ def test_a_stop_by_somebody_else_ends_it() -> None:
     assert "the bench was stopped" in driven.finish()
 
 
+def test_a_drive_that_is_slow_has_as_long_to_stop_as_to_settle() -> None:
+    turns_rad_s = 0.0
+
+    def answer(drive_rad_s: float, _: int) -> float:
+        nonlocal turns_rad_s
+        turns_rad_s = max(drive_rad_s, turns_rad_s - 0.0014)  # from 0.5 Hz to rest in 45 s
+        return turns_rad_s
+
+    driven = Driven(answer, speeds_Hz=[0.5], settle_timeout_s=60.0)
+    assert driven.finish() == ""
+    assert driven.executor.state is PlanState.DONE
+
+
 def test_a_drive_that_does_not_stop_is_reported() -> None:
     driven = Driven(lambda drive, _: max(drive, 3.0), speeds_Hz=[0.5])
     assert "the drive did not stop" in driven.finish()
