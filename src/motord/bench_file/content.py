@@ -125,7 +125,7 @@ def _of_a_real_bench(tables: Tables) -> Tables:
                 tables[name]["modbus"].pop(key, None)
     torque_Nm, current_A = tables["limits"]["torque_Nm"], tables["limits"]["current_A"]
     largest_Nm = max(torque_Nm, tables["motor"]["rated_torque_Nm"])
-    torques_Nm = [_three_digits(torque_Nm * part / 4) for part in (1, 2, 3, 4)]
+    torques_Nm = [min(_three_digits(torque_Nm * part / 4), torque_Nm) for part in (1, 2, 3, 4)]
     return {
         "limits.torque_rate_Nm_per_s": torque_Nm,
         "limits.trip_torque_Nm": _three_digits(2 * largest_Nm),
@@ -145,8 +145,8 @@ def _torque_error_Nm(tables: Tables) -> float:
     """
     torque_Nm = tables["limits"]["torque_Nm"]
     lasting = {k: v for k, v in tables["limits"].items() if k == "torque_error_s"}
-    limits = LimitsConfig(
-        torque_Nm=torque_Nm, torque_rate_Nm_per_s=torque_Nm, trip_torque_Nm=2 * torque_Nm, **lasting
+    limits = LimitsConfig.model_construct(
+        torque_Nm=torque_Nm, torque_rate_Nm_per_s=torque_Nm, **lasting
     )
     sensor = check_table(TorqueSensorConfig, "torque_sensor", tables["torque_sensor"])
     rate_Hz = tables["loop"]["rate_Hz"]

@@ -104,6 +104,10 @@ def test_every_choice_goes_with_the_example(template: str, question: Question) -
         assert bench(template, **{question.key: choice})
 
 
+def largest_torque_of_a_plan(config: Config) -> float:
+    return max(config.plans.of("calibrate", type(config.plans.calibrate)).torques_Nm)
+
+
 def test_limits_begin_small_and_follow_the_motor() -> None:
     _, config = bench("serial-bridge", motor__rated_torque_Nm="30", motor__back_emf="0.5")
     assert config.limits.torque_Nm == 10.0
@@ -111,8 +115,18 @@ def test_limits_begin_small_and_follow_the_motor() -> None:
     assert rated_A == pytest.approx(30 / (1.5 * 0.5))
     assert 0.7 * rated_A < config.limits.current_A < 0.8 * rated_A
     assert config.limits.trip_current_A > config.limits.current_A > config.limits.i2t_current_A
-    calibrate = config.plans.of("calibrate", type(config.plans.calibrate))
-    assert max(calibrate.torques_Nm) == config.limits.torque_Nm
+    assert largest_torque_of_a_plan(config) == config.limits.torque_Nm
+
+
+def test_no_plan_exceeds_a_torque_limit_of_many_digits() -> None:
+    _, config = bench("serial-bridge", limits__torque_Nm="3.337")
+    assert largest_torque_of_a_plan(config) == config.limits.torque_Nm == 3.337
+
+
+def test_a_trip_limit_that_follows_and_is_beyond_its_bound_is_named() -> None:
+    answers = {"limits.torque_Nm": "600000", "limits.current_A": "50000"}
+    with pytest.raises(ConfigError, match=r"limits\.trip_torque_Nm: .*less than or equal to 1000000"):
+        new_bench_file("serial-bridge", "", answers, None, WHERE)
 
 
 def test_more_torque_asked_for_has_the_current_for_it() -> None:
