@@ -65,7 +65,7 @@ def check_output_files(
 
     Or over one that is no result. written: by option; edited: options whose file is not replaced.
     Devices and pipes take whatever comes. Raises typer.BadParameter; fails if there is no folder to
-    write to, or it is one.
+    write to, if it may not be written to, or if the file is one.
     """
     inputs = {_identity(path): path for path in read if path is not None}
     options: dict[object, str] = {}
@@ -90,8 +90,10 @@ def check_output_files(
             )
         if path.is_dir():
             fail(f"{option} {path}: is a folder; name a file")
-        if not path.absolute().parent.is_dir():
-            fail(f"{option} {path}: there is no folder {path.absolute().parent}; make it")
+        if not (folder := path.absolute().parent).is_dir():
+            fail(f"{option} {path}: there is no folder {folder}; make it")
+        if not os.access(Path(os.path.realpath(path)).parent, os.W_OK):
+            fail(f"{option} {path}: no permission to write there; name a file in another folder")
 
 
 def bench_files(config: Path | None) -> list[Path]:

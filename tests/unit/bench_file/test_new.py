@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -14,6 +15,7 @@ from motord.bench_file.commented import new_bench_file
 from motord.bench_file.questions import QUESTIONS, Question, get
 from motord.bench_file.templates import INVERTERS, TEMPLATES
 from motord.cli import app
+from motord.cli.setup.new import _by_questions
 from motord.config import Config, ConfigError, load, packaged
 from motord.config.rules.check_notes import hidden_faults
 from motord.config.rules.torque import dead_sensor_error_Nm, found_late_s
@@ -125,7 +127,7 @@ def test_no_plan_exceeds_a_torque_limit_of_many_digits() -> None:
 
 def test_a_trip_limit_that_follows_and_is_beyond_its_bound_is_named() -> None:
     answers = {"limits.torque_Nm": "600000", "limits.current_A": "50000"}
-    with pytest.raises(ConfigError, match=r"limits\.trip_torque_Nm: .*less than or equal to 1000000"):
+    with pytest.raises(ConfigError, match=r"limits\.trip_torque_Nm: .* or equal to 1000000"):
         new_bench_file("serial-bridge", "", answers, None, WHERE)
 
 
@@ -325,6 +327,36 @@ def test_where_no_file_can_be_is_named(tmp_path: Path, name: str, expected: str)
     done = run(str(tmp_path / name), "--template", "simulated", "--yes", "--force")
     assert (done.exit_code, done.stderr.count("\n")) == (1, 1)
     assert expected in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("template", "options", "corrected"),
+    [
+        ("serial-bridge", {"motor.pole_pairs": "x"}, {"x": "4"}),
+        ("serial-bridge", {"limits.bus_V_min": "50", "limits.bus_V_max": "40"}, {"40": "60"}),
+        ("emulated", {"motor.pole_pairs": "4"}, {}),  # a question that it does not have
+    ],
+)
+def test_options_that_do_not_go_together_are_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+    template: str,
+    options: dict[str, str],
+    corrected: dict[str, str],
+) -> None:
+    asked = []
+
+    def prompt(text: str, default: str, value_proc: Callable[[str], str], err: bool) -> str:
+        asked.append(text)
+        assert len(asked) < 2 * len(QUESTIONS)
+        return value_proc(corrected.get(default, default))
+
+    monkeypatch.setattr("typer.prompt", prompt)
+    real = TEMPLATES[template].real
+    _, _, config = _by_questions(WHERE, template, "phase-currents" if real else "", options)
+    if real:
+        for key, answer in options.items():
+            value = get(config.model_dump(), key)
+            assert value == float(corrected.get(answer, answer))
 
 
 def test_without_a_terminal_it_wants_a_template(tmp_path: Path) -> None:

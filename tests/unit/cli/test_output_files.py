@@ -83,6 +83,24 @@ def test_a_folder_is_said_before_anything_is_done(command):
     assert " none: is a folder; name a file" in result.stderr
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        "learn -o new.json",
+        "analyse calibrate run.mcap --report to-new",
+        "test type.toml --serial 1 --recordings run.mcap --certificate new.html",
+        "new new.toml --template simulated --yes",
+    ],
+)
+def test_a_folder_that_may_not_be_written_is_said_before_anything_is_done(
+    command, folder, monkeypatch
+):
+    monkeypatch.setattr("os.access", lambda path, mode: Path(path) != folder)
+    result = CliRunner().invoke(app, shlex.split(command))
+    assert result.exit_code == 1
+    assert "no permission to write there" in result.stderr
+
+
 def test_an_import_makes_no_folder(folder):
     result = CliRunner().invoke(app, shlex.split("record import emf.csv --map type.toml -o no/x"))
     assert result.exit_code == 1

@@ -11,7 +11,7 @@ import typer
 
 from motord.bench_file.questions import QUESTIONS, Question
 from motord.bench_file.templates import CHECK, INVERTERS, TEMPLATES
-from motord.cli.common_options import AsJson, Overwrite
+from motord.cli.common_options import AsJson, Overwrite, check_output_files
 from motord.cli.console import fail, print_result, remark
 
 if TYPE_CHECKING:
@@ -49,8 +49,7 @@ def _new(
 
     if file.exists() and not force:
         fail(f"{file}: is there already; name another file, or say --force to write over it")
-    if file.is_dir() or not file.parent.is_dir():
-        fail(f"{file}: {'is a folder' if file.is_dir() else f'there is no folder {file.parent}'}")
+    check_output_files({"FILE": file}, [], ["FILE"])
     answers = {q.key: text for q in QUESTIONS if (text := named[_parameter(q)]) is not None}
     if yes or as_json or not sys.stdin.isatty():
         if not template:
@@ -64,7 +63,10 @@ def _new(
 def _by_questions(
     file: Path, template: str, inverter: str, answers: Mapping[str, str]
 ) -> tuple[str, str, "Config"]:
-    """Ask until the answers make a bench; what was said before is the next default."""
+    """Ask until the answers make a bench; what was said before is the next default.
+
+    What the options say is asked for, too, once it does not go together.
+    """
     from motord.bench_file.commented import new_bench_file
     from motord.config import ConfigError
 
@@ -84,6 +86,8 @@ def _by_questions(
             if not given:  # options alone are wrong
                 raise
             remark(f"This does not go together: {error}\nOnce more; Enter keeps an answer.")
+            given.update(answers)
+            answers = {}
 
 
 def _choose(prompt: str, choices: Mapping[str, str]) -> str:
