@@ -90,8 +90,7 @@ def _plan(source: "PlanSource", name: str, given: list[str]) -> "Plan":
     from motord.cli.plan.settings import parse_settings
     from motord.experiments.plans import build
 
-    own = getattr(source.config.plans, name.replace("-", "_"), None)
-    defaults = own.model_dump(mode="json") if own is not None else {}
+    defaults = source.config.plans.model_dump(mode="json", by_alias=True).get(name, {})
     return build(name, source.config, parse_settings(given, defaults))
 
 

@@ -112,9 +112,9 @@ class Fault(Section):
     @model_validator(mode="before")
     @classmethod
     def _fill_in(cls, data: Any) -> Any:
-        if not isinstance(data, dict) or data.get("kind") not in KINDS:
+        kind = KINDS.get(str(data.get("kind"))) if isinstance(data, dict) else None
+        if kind is None:
             return data
-        kind = KINDS[data["kind"]]
         given = {key: value for key, value in data.items() if value is not None}
         return {"for_s": kind.for_s, **kind.parameters, **given}
 

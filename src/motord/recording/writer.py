@@ -24,7 +24,8 @@ class RunWriter:
 
     `metadata` is what must be known of the run from its beginning; text stays text, other values
     become JSON. `compression` is zstd, lz4 or none; a chunk spans at most `chunk_s`. Used as a
-    context manager it closes the file, or leaves it unfinished if the body raised.
+    context manager it closes the file, or leaves it unfinished if the body raised; none is left if
+    nothing was recorded until then.
     Every method raises RecordError when the file cannot be made or written.
     """
 
@@ -162,8 +163,10 @@ class RunWriter:
     def __exit__(self, kind: type[BaseException] | None, *unused: object) -> None:
         if kind is None:
             self.close()
-        else:
+        elif any(self._counts.values()):
             self.abandon()
+        else:
+            self._file.discard()
 
     def _declare(self, topic: Topic) -> None:
         if topic.number not in self._counts:

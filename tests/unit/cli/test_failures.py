@@ -194,6 +194,7 @@ def test_what_cannot_be_written_is_one_line(words, folder):
         "fault inject no_such_kind -c good.toml",
         "fault inject can_drop fraction -c good.toml",
         "simulate no-such-plan -o new.mcap",
+        "simulate json -o new.mcap",  # the name of a method
         "simulate calibrate --set turns=many -o new.mcap",
         "simulate calibrate --set torques_Nm=99 -o new.mcap",
         "simulate calibrate --set no_such_setting=1 -o new.mcap",

@@ -286,6 +286,12 @@ def test_an_unfinished_file_is_readable_up_to_what_was_synced(tmp_path):
     assert open_run(path).ticks(["tick"])["tick"].tolist() == list(range(130))
 
 
+def test_an_error_before_anything_is_recorded_leaves_no_file(tmp_path):
+    with pytest.raises(IndexError), RunWriter(tmp_path / "run.mcap", METADATA):
+        raise IndexError
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_an_error_while_recording_leaves_an_unfinished_file(tmp_path):
     path = tmp_path / "run.mcap"
     with pytest.raises(IndexError), RunWriter(path, METADATA) as writer:

@@ -271,6 +271,9 @@ def test_a_broken_timeline_is_named_with_its_line(tmp_path: Path) -> None:
     path.write_text('[[fault]]\nkind = "can_drop"\nfractoin = 0.5\n')
     with pytest.raises(ConfigError, match=r"t\.toml.*unknown key"):
         load_timeline(path)
+    path.write_text('[[fault]]\nkind = ["can_drop"]\n')
+    with pytest.raises(ConfigError, match=r"t\.toml:2: fault\[0\]\.kind: .*valid string"):
+        load_timeline(path)
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
