@@ -1,6 +1,7 @@
 """`motord check`: is this bench file right, do its devices answer, is there real time."""
 
 import errno
+import grp
 import os
 import socket
 import time
@@ -17,6 +18,7 @@ from motord.cli.console import explain_first_run, fail, print_result
 
 if TYPE_CHECKING:
     from motord.config import ChannelConfig, Config
+    from motord.config.zenoh import ZenohConfig
     from motord.hal.channel_source import ChannelSource
 
 LOOK_S = 0.02
@@ -82,23 +84,28 @@ def probe_devices(bench: "Config") -> list[Finding]:
 
 
 def probe_endpoints(bench: "Config") -> Finding:
-    """Listen where the daemon would, for a moment."""
+    """Listen where the daemon would, for a moment; read who is let in."""
     listen = bench.zenoh.listen
     refused = [f"{endpoint}: {why}" for endpoint in listen if (why := _cannot_listen(endpoint))]
+    refused += _access_problems(bench.zenoh)
     message = "; ".join(refused) or ", ".join(listen)
     return {"what": "endpoints", "ok": not refused, "message": message}
 
 
 def _cannot_listen(endpoint: str) -> str:
     """Return why nobody can listen at a Zenoh endpoint, "" if one can."""
+    from motord.service.host.unix_socket import SocketError, check_place
+
     protocol, _, address = endpoint.partition("/")
     if protocol == "unixsock-stream":
-        folder = Path(address).parent
-        if not folder.is_dir():
-            return f"no folder {folder}; make it first"
-        if not os.access(folder, os.W_OK):
-            return f"{folder} may not be written"
-        return _socket_obstacle(Path(address))
+        path = Path(address)
+        try:
+            check_place(path)
+        except SocketError as error:
+            return str(error)
+        if not os.access(path.parent, os.W_OK):
+            return f"{path.parent} may not be written"
+        return _socket_obstacle(path)
     host, _, port = address.rpartition(":")
     family = socket.AF_INET6 if host.startswith("[") else socket.AF_INET
     try:
@@ -112,10 +119,6 @@ def _cannot_listen(endpoint: str) -> str:
 
 def _socket_obstacle(path: Path) -> str:
     """Return why no Unix socket can be made, "" if it can: one that nobody serves is replaced."""
-    if not path.exists() and not path.is_symlink():
-        return ""
-    if not path.is_socket():
-        return "there is something else, which is no socket; move it away"
     with socket.socket(socket.AF_UNIX) as probe:
         probe.setblocking(False)
         try:
@@ -127,6 +130,23 @@ def _socket_obstacle(path: Path) -> str:
         except OSError as error:
             return error.strerror or str(error)
     return IN_USE
+
+
+def _access_problems(zenoh: "ZenohConfig") -> Iterator[str]:
+    """Yield why the daemon could let nobody in: no such group, certificates or roles."""
+    if zenoh.socket_group is not None:
+        try:
+            grp.getgrnam(zenoh.socket_group)
+        except KeyError:
+            yield f"socket_group = '{zenoh.socket_group}': there is no such group"
+    if zenoh.tls is not None:
+        from motord.security.roles import SecurityError
+        from motord.service.gateway.process import check as check_access
+
+        try:
+            check_access(zenoh.tls)
+        except SecurityError as error:
+            yield str(error)
 
 
 def probe_recordings(bench: "Config") -> Finding:

@@ -555,7 +555,10 @@ def test_check_says_whether_the_daemon_could_listen(tmp_path, check):
     code, said = found(endpoint)
     assert (code, f"endpoints: ok, {endpoint}" in said) == (0, True)
     code, said = found(f"unixsock-stream/{tmp_path}/none/bench.sock")
-    assert (code, f"no folder {tmp_path}/none; make it first" in said) == (1, True)
+    assert (code, f"{tmp_path}/none: No such file" in said) == (1, True)
+    tmp_path.chmod(0o777)
+    code, said = found(f"unixsock-stream/{tmp_path}/bench.sock")
+    assert (code, "others may write there" in said) == (1, True)
     code, said = found("tcp/127.0.0.1:99999")
     assert code == 1
     assert "zenoh.listen: tcp/127.0.0.1:99999: a port is a number from 1 to 65535" in said
@@ -584,6 +587,19 @@ def test_check_says_whether_a_unix_socket_is_in_use(tmp_path, monkeypatch):
     place.unlink()
     place.write_text("")
     assert "which is no socket; move it away" in found()["message"]
+
+
+def test_check_says_whether_the_daemon_could_let_anybody_in(tmp_path, check):
+    path = bench_that_records_to(tmp_path / "runs")
+    sockets = f'"tls/127.0.0.1:{free_port()}", "unixsock-stream/{tmp_path}/b.sock"]'
+    with path.open("a") as file:
+        file.write('socket_group = "none-of-ours"\n[zenoh.tls]\n')
+        file.writelines(f'{key} = "{key}"\n' for key in ("ca", "certificate", "key", "roles"))
+    path.write_text(re.sub(r"(listen = \[.*)\]", rf"\1, {sockets}", path.read_text()))
+    result = check(path)
+    assert result.exit_code == 1
+    assert "socket_group = 'none-of-ours': there is no such group; " in result.output
+    assert f"{tmp_path}/ca: cannot read it: No such file or directory" in result.output
 
 
 def test_check_says_whether_recordings_can_be_written(tmp_path, check):

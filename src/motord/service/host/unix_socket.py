@@ -33,7 +33,7 @@ def owned_by(group: str | None, endpoints: Sequence[str]) -> Iterator[None]:
     """
     sockets = paths(endpoints)
     for path in sockets:
-        _check(path)
+        check_place(path)
     before = os.umask(0o777 & ~MODE) if sockets else None
     try:
         yield
@@ -44,7 +44,7 @@ def owned_by(group: str | None, endpoints: Sequence[str]) -> Iterator[None]:
         _give(path, group)
 
 
-def _check(path: Path) -> None:
+def check_place(path: Path) -> None:
     """Raise SocketError unless only this user (or root) can put something at `path`."""
     folder = path.parent
     try:
