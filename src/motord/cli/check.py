@@ -154,15 +154,13 @@ def probe_recordings(bench: "Config") -> Finding:
     from motord.recording.storage import free_bytes, obstacle
 
     folder = bench.recording.directory.absolute()
-    was_there = folder.exists()
+    made = [one for one in (folder, *folder.parents) if not one.exists()]
     why = obstacle(bench.recording)
-    if why:
-        return {"what": "recordings", "ok": False, "message": why}
-    free_GB = free_bytes(folder) / 1e9
-    if not was_there:
-        with suppress(OSError):
-            folder.rmdir()
-    return {"what": "recordings", "ok": True, "message": f"{folder}, {free_GB:.1f} GB free"}
+    message = why or f"{folder}, {free_bytes(folder) / 1e9:.1f} GB free"
+    with suppress(OSError):
+        for one in made:
+            one.rmdir()
+    return {"what": "recordings", "ok": not why, "message": message}
 
 
 def _rig_notes(bench: "Config") -> Iterator[str]:

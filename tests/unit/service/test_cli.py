@@ -603,11 +603,13 @@ def test_check_says_whether_the_daemon_could_let_anybody_in(tmp_path, check):
 
 
 def test_check_says_whether_recordings_can_be_written(tmp_path, check):
-    folder = tmp_path / "runs"
-    good = check(bench_that_records_to(folder))
+    deep, folder = tmp_path / "all" / "runs", tmp_path / "runs"
+    path = bench_that_records_to(folder)
+    path.write_text(path.read_text().replace(str(folder), str(deep)))
+    good = check(path)
     assert good.exit_code == 0
-    assert f"recordings: ok, {folder}, " in good.output
-    assert not folder.exists()
+    assert f"recordings: ok, {deep}, " in good.output
+    assert not deep.parent.exists()
     folder.write_text("in the way of a folder")
     bad = check(bench_that_records_to(folder))
     assert bad.exit_code == 1
@@ -615,4 +617,5 @@ def test_check_says_whether_recordings_can_be_written(tmp_path, check):
     folder.unlink()
     full = check(bench_that_records_to(folder, 1e9))
     assert full.exit_code == 1
+    assert not folder.exists()
     assert "less than recording.free_min_MB" in full.output
