@@ -219,6 +219,8 @@ def test_what_cannot_be_done_is_one_line(words):
         "plan start calibrate --limit-s -1",
         "plan start calibrate --limit-s 9",
         "events --all --no-follow",
+        "queue add --file queue.toml --on-failure skip",
+        "queue add --file queue.toml --no-check",
         "archive . --verify --watch",
         "archive . --verify --delete-after-days 1",
         "service install -c good.toml --can-data-bitrate 2000000 --dry-run",

@@ -6,7 +6,7 @@ And a recording that may not go on.
 import pytest
 
 from motord.api.descriptions import HANGING_REMEDY, LOOP_SILENT
-from motord.cli.bench import overview
+from motord.cli.bench import overview, wording
 from motord.cli.bench.status import show, table
 from motord.cli.bench.watch import command
 from motord.client.roster import BenchEntry
@@ -72,3 +72,11 @@ def test_a_line_says_that_the_torque_is_without_its_mean(tau_s, said):
     sensor = state().torque_sensor.model_copy(update={"highpass_time_constant_s": tau_s})
     line = command.in_one_line(state().model_copy(update={"torque_sensor": sensor}))
     assert ("without its mean" in line) == said
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(None, "-"), (1e-7, "0"), (0.12345, "0.123"), (-99.96, "-100"), (1523.4, "1523")],
+)
+def test_numbers_have_three_digits_and_no_exponent(value, shown):
+    assert wording.number(value) == shown

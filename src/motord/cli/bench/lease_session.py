@@ -147,7 +147,7 @@ def token_in_force(client: "Client") -> str | None:
 
 def announce(state: str, for_s: float | None) -> None:
     """Say on stderr that this command stays in command of a bench in `state`, and what then."""
-    until = f"for {for_s:.3g} s" if for_s is not None else "until Ctrl-C"
+    until = f"for {for_s:g} s" if for_s is not None else "until Ctrl-C"
     then = "the bench ramps down and is disabled" if state == "ENABLED" else "brake and drive rest"
     remark(f"in command {until}; then {then}")
 

@@ -12,8 +12,10 @@ if TYPE_CHECKING:
 
 
 def number(value: float | None) -> str:
-    """Return a number in three digits, "-" for none, 0 for what is below 1e-6: rounding."""
-    return "-" if value is None else f"{0.0 if abs(value) < 1e-6 else value:.3g}"
+    """Return a number in three digits, or whole; "-" for none, 0 for less than 1e-6: rounding."""
+    if value is None:
+        return "-"
+    return f"{value:.0f}" if abs(value) >= 999.5 else f"{0.0 if abs(value) < 1e-6 else value:.3g}"
 
 
 def clock(t_ns: int) -> str:

@@ -84,8 +84,9 @@ def add(
     """Put a plan, or those of a file, at the end of the queue; each is checked first."""
     if (name is None) == (file is None):
         raise typer.BadParameter("give the name of a plan, or --file")
-    if file is not None and (settings or below or above or until or notes or serial is not None):
-        raise typer.BadParameter("with --file, settings, waits, notes and serial stand in the file")
+    of_a_plan = settings, below, above, until, notes, serial is not None, on_failure != "stop"
+    if file is not None and (any(of_a_plan) or not check):
+        raise typer.BadParameter("with --file, whatever is said of a plan stands in the file")
     wait: list[dict[str, Any]] = [
         *([{"until": until}] if until is not None else []),
         *({"channel": channel, "below": value} for channel, value in map(_limit, below or [])),

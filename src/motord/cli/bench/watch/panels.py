@@ -254,7 +254,7 @@ def loop(state: BenchState, width: int) -> list[Text]:
 
 def devices(state: BenchState, width: int) -> list[Text]:
     """Return how old each signal is, errors of the links, and health of the slow devices."""
-    ages = [Text(f"{name} {1e3 * age_s:.3g}") for name, age_s in state.ages.items()]
+    ages = [Text(f"{name} {wording.number(1e3 * age_s)}") for name, age_s in state.ages.items()]
     parts: list[Text] = []
     bridge: list[Text] = []
     if (links := state.links) is not None:
