@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
+from math import ceil
 from typing import Any
 
 from motord.experiments.analysis import encode
@@ -124,8 +125,7 @@ class Certificate:
         )
         bound = self.verdict.nonconformance_bound
         if self.verdict.decision == "pass" and bound is not None:
-            most = percent(bound).removeprefix("< ")
-            yield f"That any figure lies outside has a probability of at most {most}."
+            yield f"That any figure lies outside has a probability of at most {percent_up(bound)}."
         yield (
             "Pictures: a limit is a line; within the darker part a value passes; the mark is the "
             "value, with U."
@@ -180,6 +180,11 @@ def percent(probability: float) -> str:
     if probability > 0.9995:
         return "> 99.95 %"
     return "< 0.05 %" if probability < 0.0005 else f"{100 * probability:.1f} %"
+
+
+def percent_up(bound: float) -> str:
+    """Return what a probability is at most, in percent: it is rounded up."""
+    return "0.05 %" if bound < 0.0005 else f"{ceil(1000 * bound - 1e-9) / 10:.1f} %"
 
 
 def bar(one: FigureVerdict) -> str:

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from motord.verdict.certificate import percent_up
 from motord.verdict.decision import MotorVerdict
 from tests.unit.verdict.made_up import RISK, decided
 
@@ -159,3 +160,17 @@ def test_reasons_name_their_figures():
         "undecidable, its uncertainty is not stated: alpha, phase a",
     ]
     assert RISK == 0.025
+
+
+@pytest.mark.parametrize(
+    ("bound", "shown"),
+    [
+        (1e-5, "0.05 %"),
+        (0.0005, "0.1 %"),
+        (0.0201, "2.1 %"),
+        (0.01 + 0.02, "3.0 %"),
+        (1.0, "100.0 %"),
+    ],
+)
+def test_what_a_probability_is_at_most_is_rounded_up(bound: float, shown: str) -> None:
+    assert percent_up(bound) == shown
