@@ -39,11 +39,13 @@ Scheduler = Annotated[
 Rehash = Annotated[
     bool,
     typer.Option(
-        "--rehash", help="Of many: read also files whose size, time and inode are as they were."
+        "--rehash",
+        help="Of many recordings: read also files whose size, time and inode are as they were.",
     ),
 ]
 Retry = Annotated[
-    bool, typer.Option("--retry", help="Of many: try again what failed in an earlier run.")
+    bool,
+    typer.Option("--retry", help="Of many recordings: try again what failed in an earlier run."),
 ]
 
 

@@ -42,7 +42,7 @@ Check = Annotated[
         help="Check the calibration before, if the bench file asks for it (check_before_plans).",
     ),
 ]
-Notes = Annotated[str, typer.Option(help="For the recording.")]
+Notes = Annotated[str, typer.Option(help="Notes for the recording.")]
 Serial = Annotated[
     str | None,
     typer.Option(

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def emulate(
-    config: Annotated[Path, bench_file("The bench whose devices to be.")],
+    config: Annotated[Path, bench_file("The bench whose devices are emulated.")],
     truth: Annotated[
         Path | None,
         typer.Option(metavar="FILE.mcap", help="Record what the rig truly does."),

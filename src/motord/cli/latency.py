@@ -27,7 +27,9 @@ def latency(
     seconds: Annotated[
         float | None,
         typer.Option(
-            min=0, help="Measure at most so long; less if there is enough. 10, or 60 to compare."
+            min=0,
+            help="Longest time to measure, by default 10, or 60 to compare; less once enough is "
+            "known.",
         ),
     ] = None,
     compare: Annotated[

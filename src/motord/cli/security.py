@@ -20,7 +20,9 @@ LISTEN = "tls/0.0.0.0:7448"
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the authority.")]
 In = Annotated[Path, typer.Option("--in", metavar="DIR", help="Folder of the authority.")]
-Days = Annotated[int, typer.Option(min=1, max=3650, help="How long it is good.")]
+Days = Annotated[
+    int, typer.Option(min=1, max=3650, help="Days for which the certificate is valid.")
+]
 
 
 def _authority() -> Any:
@@ -87,7 +89,7 @@ def list_(
     folder: In = Path(),
     as_json: AsJson = False,
 ) -> None:
-    """List who has which role, and until when the certificates are good."""
+    """List who has which role, and until when the certificates are valid."""
     authority = _authority()
     given = roles.read(folder / roles.ROLES)
     ends = {"(authority)": folder / "ca.pem", "(daemon)": folder / "server.pem"}

@@ -29,7 +29,7 @@ def simulate(
         Path | None, typer.Option(metavar="FILE", help="Calibration that the loop applies.")
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Of noise and drift; default that of the bench.")
+        int | None, typer.Option(min=0, help="Seed of noise and drift; default: the bench's.")
     ] = None,
     as_json: ResultAsJson = False,
 ) -> None:

@@ -50,7 +50,8 @@ def _group() -> None:
 def foxglove(
     connection: Connection = DEFAULT,
     port: Annotated[
-        int, typer.Option("--port", min=0, max=65535, metavar="P", help="0 takes any free one.")
+        int,
+        typer.Option("--port", min=0, max=65535, metavar="P", help="Port to listen on; 0: any."),
     ] = 8765,
     as_json: ReadyAsJson = False,
 ) -> None:

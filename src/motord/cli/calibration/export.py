@@ -26,7 +26,7 @@ Format = Literal["moteus", "odrive", "csv", "c-header", "beckhoff-harmonics"]
 
 
 def export(
-    format_: Annotated[Format, typer.Option("--format", help="Of the drive's table.")],
+    format_: Annotated[Format, typer.Option("--format", help="Format of the drive's table.")],
     file: CalibrationFile = None,
     output: Annotated[Path | None, output_file("Write it there; default: print it.")] = None,
     config: Annotated[
@@ -35,7 +35,9 @@ def export(
     torque_constant: Annotated[
         float | None,
         typer.Option(
-            metavar="NM_PER_A", min=1e-9, help="Of the drive: Nm of an ampere (peak) along q."
+            metavar="NM_PER_A",
+            min=1e-9,
+            help="Torque constant of the drive: Nm per ampere (peak) along q.",
         ),
     ] = None,
     zero: Annotated[
@@ -47,10 +49,18 @@ def export(
     ] = False,
     length: Annotated[
         int | None,
-        typer.Option(metavar="N", min=4, max=1 << 20, help="Entries (csv, c-header): 1024."),
+        typer.Option(
+            metavar="N",
+            min=4,
+            max=1 << 20,
+            help="Entries of the table (csv, c-header), by default 1024.",
+        ),
     ] = None,
     bits: Annotated[
-        int | None, typer.Option(metavar="N", min=4, max=16, help="Bits (c-header): 16.")
+        int | None,
+        typer.Option(
+            metavar="N", min=4, max=16, help="Bits of an entry (c-header), by default 16."
+        ),
     ] = None,
     force: Overwrite = False,
     connection: Connection = DEFAULT,

@@ -125,7 +125,7 @@ def recover(
 @app.command()
 def export(
     run: RunFile,
-    output: Annotated[Path | None, output_file("Ends with .csv, .parquet, .mf4 or .mat.")] = None,
+    output: Annotated[Path | None, output_file("A .csv (default), .parquet, .mf4 or .mat.")] = None,
     columns: Annotated[
         str | None,
         typer.Option(

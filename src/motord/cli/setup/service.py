@@ -28,7 +28,9 @@ DryRun = Annotated[bool, typer.Option("--dry-run", help="Show what would be done
 OfUser = Annotated[bool, typer.Option("--user", help="In this user's own systemd, without root.")]
 Root = Annotated[
     Path | None,
-    typer.Option("--root", metavar="DIR", help="Of a system below DIR: files alone, no commands."),
+    typer.Option(
+        "--root", metavar="DIR", help="For the system below DIR: files only, no commands are run."
+    ),
 ]
 
 
@@ -50,10 +52,12 @@ def install(
         typer.Option(
             min=10_000,
             max=8_000_000,
-            help=f"The same, of CAN FD's data, by default {DATA_BITRATE}.",
+            help=f"Bit rate of CAN FD's data, by default {DATA_BITRATE}.",
         ),
     ] = None,
-    no_start: Annotated[bool, typer.Option("--no-start", help="Not before the next boot.")] = False,
+    no_start: Annotated[
+        bool, typer.Option("--no-start", help="Do not start it now, but at the next boot.")
+    ] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Replace files that were edited; keep them as .old.")
     ] = False,
