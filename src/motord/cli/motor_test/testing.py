@@ -56,14 +56,15 @@ class MotorTests:
         clients, analyses and files raise; once there is a certificate no more.
         """
         from motord.recording.file_names import stamp
+        from motord.results.stored_result import file_digest
         from motord.verdict.motor_type import load_motor_type
         from motord.verdict.serial import certificate_name
 
-        kind = load_motor_type(self.motor_type)
+        kind, digest = load_motor_type(self.motor_type), file_digest(self.motor_type)
         storages = self._storages(kind, serial)
         paths = recordings or self._run_plans(kind, serial)
         results: list[AnalysedRecordings] = []
-        made = self._certificate(kind, serial, paths, results)
+        made = self._certificate(kind, digest, serial, paths, results)
         path = certificate or Path()
         if path.is_dir():
             path /= certificate_name(self.motor_type, serial, stamp(time.time_ns()))
@@ -82,6 +83,7 @@ class MotorTests:
     def _certificate(
         self,
         kind: "MotorType",
+        digest: str,
         serial: str,
         paths: Sequence[Path],
         results: "list[AnalysedRecordings]",
@@ -91,7 +93,6 @@ class MotorTests:
         from importlib.metadata import version
 
         from motord.client.holder import user_and_host
-        from motord.results.stored_result import file_digest
         from motord.verdict.certificate import Certificate
         from motord.verdict.figures import judge
         from motord.verdict.recordings import analyse
@@ -104,7 +105,7 @@ class MotorTests:
         return Certificate(
             motor_type=kind,
             type_file=str(self.motor_type),
-            type_sha256=file_digest(self.motor_type),
+            type_sha256=digest,
             serial=serial,
             operator=self.operator or user_and_host(),
             time=datetime.now(UTC),

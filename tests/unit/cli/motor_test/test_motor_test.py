@@ -56,6 +56,14 @@ def test_the_decision_is_the_exit_code(high, code, decision, folder, analysed):
     assert ("lies outside has a probability of at most 0.05 %." in page) == (decision == "pass")
 
 
+def test_the_digest_is_of_the_limits_that_were_read(analysed, monkeypatch):
+    path, read = Path("pump.toml"), hashlib.sha256(Path("pump.toml").read_bytes()).hexdigest()
+    edit = lambda _: path.write_text(TYPE.replace("0.5", "0.4"))  # noqa: E731
+    monkeypatch.setattr("motord.verdict.recordings.check_given_once", edit)
+    assert run("--recordings", record("a.mcap")).exit_code == 0
+    assert read in certificate()
+
+
 def test_json_has_every_figure_with_its_limits_and_probability(analysed):
     arguments = ("--recordings", record("a.mcap"), "--operator", "Anna", "--json")
     result = run(*arguments, "--certificate", "c.html")
