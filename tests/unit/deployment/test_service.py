@@ -147,6 +147,20 @@ def test_an_edited_bench_file_is_not_written_over(folder: Path) -> None:
     assert 'name = "bench-2"' in there.read_text()
 
 
+def test_the_status_is_shown_whatever_became_of_the_bench_file(
+    folder: Path, ran: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert service("install", "--user", "-c", folder / "bench.toml").exit_code == 0
+    state = {"ActiveState": "failed", "SubState": "failed"}
+    monkeypatch.setattr("motord.deployment.host.unit_state", lambda user: state)
+    (folder / "bench.toml").write_text("[bench\n")
+    done = service("status", "--user")
+    assert done.exit_code == 1
+    assert "failed (failed)" in done.stdout
+    assert "motord service install" not in done.stdout
+    assert f"motord: {folder}/bench.toml: not valid TOML" in done.stderr
+
+
 def test_of_another_version(folder: Path) -> None:
     install(folder)
     manifest = folder / "root" / "etc/motord/.service.json"

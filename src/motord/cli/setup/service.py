@@ -143,13 +143,16 @@ def status(user: OfUser = False, root: Root = None, as_json: AsJson = False) -> 
     deployment = _deployment(user, root)
     unit = {} if root else host.unit_state(user=user)
     pid = int(unit.get("MainPID") or 0)
+    files, wrong = _differences(deployment)
     result = {
         "unit": unit,
         "limits": host.limits_of(pid) if pid else {},
-        "files": _differences(deployment),
+        "files": files,
         "log": [] if root else host.recent_lines(LOG_LINES, user=user),
     }
     print_result(result, "\n".join(status_lines(result, ask_systemd=root is None)), as_json)
+    if wrong:
+        fail(wrong)
 
 
 def _deployment(user: bool, root: Path | None) -> "Deployment":
@@ -190,19 +193,26 @@ def _obstacles(
     return found
 
 
-def _differences(deployment: "Deployment") -> dict[str, str]:
-    """Return how the files that are there differ from those that would be installed now."""
+def _differences(deployment: "Deployment") -> tuple[dict[str, str] | None, str]:
+    """Return how the files that are there differ from those that would be installed now.
+
+    None, and why, if that cannot be known: the bench file was edited and is wrong.
+    """
+    from motord.config import ConfigError
+    from motord.deployment.files import DeploymentError
     from motord.deployment.plan import BENCH, ServiceRequest, files_of
 
     asked = deployment.request
     if asked is None:
-        return {}
+        return {}, ""
     rates = tuple(asked["can_bitrates"]) if asked["can_bitrates"] else None
     bench = asked["bench_file"] if asked["user"] else str(deployment.place(BENCH))
     request = ServiceRequest(bench, tuple(asked["program"]), asked["user"], rates)
-    return {
-        str(file.path): deployment.difference(file) for file in files_of(request) if not file.kept
-    }
+    try:
+        files = [file for file in files_of(request) if not file.kept]
+    except (ConfigError, DeploymentError) as error:
+        return None, str(error)
+    return {str(file.path): deployment.difference(file) for file in files}, ""
 
 
 _DIFFERENCES = {
@@ -242,7 +252,7 @@ def dry_run_text(
 
 def status_lines(result: dict[str, Any], *, ask_systemd: bool) -> list[str]:
     """Return the status in lines."""
-    unit, limits, files = result["unit"], result["limits"], result["files"]
+    unit, limits = result["unit"], result["limits"]
     lines = []
     if ask_systemd and not unit:
         lines.append("unit     systemd does not answer")
@@ -259,8 +269,9 @@ def status_lines(result: dict[str, Any], *, ask_systemd: bool) -> list[str]:
             f"limits   real-time priority {limits['rt_priority'] or '?'}, locked memory "
             f"{limits['locked_memory_bytes'] or '?'}"
         )
-    lines += [f"file     {path}: {_DIFFERENCES[difference]}" for path, difference in files.items()]
-    if not files:
+    for path, difference in (result["files"] or {}).items():
+        lines.append(f"file     {path}: {_DIFFERENCES[difference]}")
+    if result["files"] == {}:
         lines.append("file     none that `motord service install` wrote")
     if unit.get("NeedDaemonReload") == "yes":
         lines.append("         changed on disk: systemctl daemon-reload")
