@@ -3,12 +3,19 @@
 And a recording that may not go on.
 """
 
+from contextlib import nullcontext
+from types import SimpleNamespace
+
 import pytest
+from typer.testing import CliRunner
 
 from motord.api.descriptions import HANGING_REMEDY, LOOP_SILENT
+from motord.api.messages import Event
+from motord.cli import app
 from motord.cli.bench import overview, wording
 from motord.cli.bench.status import show, table
 from motord.cli.bench.watch import command
+from motord.cli.connection_options import Connection
 from motord.client.roster import BenchEntry
 from motord.dashboard.overview.bench_list import described
 from tests.unit.cli.watch.samples import TRIP, state
@@ -80,3 +87,21 @@ def test_a_line_says_that_the_torque_is_without_its_mean(tau_s, said):
 )
 def test_numbers_have_three_digits_and_no_exponent(value, shown):
     assert wording.number(value) == shown
+
+
+def test_events_are_shown_once_each_also_after_a_clock_was_set_back(monkeypatch):
+    old, new = (Event(t_ns=t_ns, kind="note", message=f"at {t_ns}") for t_ns in (2000, 1000))
+    coming = iter([old, new])
+
+    def get(timeout_s):
+        try:
+            return next(coming)
+        except StopIteration:
+            raise KeyboardInterrupt from None
+
+    client = SimpleNamespace(
+        events=lambda: [old], subscribe_events=lambda: nullcontext(SimpleNamespace(get=get))
+    )
+    monkeypatch.setattr(Connection, "connect", lambda self: nullcontext(client))
+    shown = CliRunner().invoke(app, ["events", "--json"]).stdout.splitlines()
+    assert [Event.model_validate_json(line) for line in shown] == [old, new]
