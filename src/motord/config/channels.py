@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from motord.config.base import Finite, Section, matching
 from motord.config.bounds import SettingBound, is_below, rounded_up
-from motord.config.channel_sources import ChannelSource, ModbusSource, SerialSource
+from motord.config.channel_sources import CanSource, ChannelSource, ModbusSource, SerialSource
 from motord.config.devices.slow_devices import register_counts
 from motord.config.timing import (
     CHANNEL_RATE_MAX_HZ,
@@ -179,7 +179,8 @@ def line_problems(channels: tuple[ChannelConfig, ...]) -> Iterator[str]:
             if _set_up(channel) != _set_up(other):
                 yield (
                     f"{channel.place(number)} and {other.name} share {line[-1]} and say "
-                    "differently how it is set up (timeout_s, baud, parity, stop_bits, request)"
+                    "differently how it is set up (bus, timeout_s, baud, parity, stop_bits, "
+                    "request)"
                 )
         round_s = channel.source.read_s + sum(other.source.read_s for other in others)
         if channel.trips and is_below(channel.timeout_s, round_s + channel.period_s):
@@ -198,4 +199,6 @@ def _set_up(channel: ChannelConfig) -> object:
             return (source.timeout_s, source.baud, source.parity, source.stop_bits)
         case SerialSource() as source:
             return (source.baud, bool(source.request))
+        case CanSource() as source:
+            return source.bus
     return None

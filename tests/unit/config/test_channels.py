@@ -64,6 +64,7 @@ def test_a_channel_that_cannot_be_is_refused(values: dict[str, Any], message: st
         bench(channel(**values))
 
 
+CAN = {"driver": "can", "dbc": "a.dbc", "signal": "A.B"}
 RTU = {**MODBUS, "transport": "rtu", "serial_port": "/dev/ttyX"}
 TOGETHER = [
     ([channel(), channel()], "the name winding_C is there twice"),
@@ -74,6 +75,15 @@ TOGETHER = [
     (
         [channel(source=SERIAL), channel(name="b", source={**SERIAL, "request": "?"})],
         "share /dev/ttyX",
+    ),
+    (
+        [
+            channel(
+                source={**CAN, "bus": {"interface": "slcan", "channel": "x", "bitrate": 500000}}
+            ),
+            channel(name="b", source={**CAN, "bus": {"interface": "slcan", "channel": "x"}}),
+        ],
+        r"share slcan x and say differently how it is set up \(bus, ",
     ),
     (
         [
@@ -88,7 +98,7 @@ TOGETHER = [
         r"all readings of winding_C if nothing answers \(2.5 s\)",
     ),
     (
-        [channel(source={"driver": "can", "dbc": "a.dbc", "signal": "A.B"})],
+        [channel(source=CAN)],
         r"there is no \[inverter.can\]",
     ),
 ]
