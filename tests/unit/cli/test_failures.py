@@ -199,6 +199,7 @@ def test_what_cannot_be_written_is_one_line(words, folder):
         "simulate calibrate --set torques_Nm=99 -o new.mcap",
         "simulate calibrate --set no_such_setting=1 -o new.mcap",
         "simulate verify -o new.mcap",
+        "record export .",
         "security add anna --role viewer --in .",
         "analyse cogging none.mcap -c none.toml",
         "analyse calibrate none.mcap --store store",

@@ -143,9 +143,9 @@ def export(
     from motord.recording.export import export as write
     from motord.recording.reader import open_run
 
+    source = open_run(run)
     path = output or run.with_suffix(".csv")
     wanted = None if columns is None else [name.strip() for name in columns.split(",")]
-    source = open_run(run)
     rows = write(source, path, wanted, truth=truth)
     damage = str(source.damage) if source.damage else None
     result = {"file": str(path), "rows": rows, "damage": damage}
