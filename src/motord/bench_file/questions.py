@@ -43,7 +43,7 @@ def _always(tables: Tables) -> bool:
 
 
 def is_real(tables: Tables) -> bool:
-    """Return whether the devices of these tables are made of metal."""
+    """Return whether these tables are of a bench of hardware, not simulated or emulated."""
     return "rig" not in tables["bench"]
 
 

@@ -16,7 +16,7 @@ CHECK = "CHECK"
 
 @dataclass(frozen=True)
 class Template:
-    """An example to begin with. file: packaged; real: its devices are made of metal.
+    """An example to begin with. file: packaged; real: of hardware, not simulated or emulated.
 
     bridge: driver of the board, where it is not that of the file.
     """

@@ -12,9 +12,9 @@ _ROUNDING = 1e-9
 class SettingBound:
     """What a bench file lets its value `name` be: at least `bound` (> 0), at most or less.
 
-    A whole number as bound is named as it is, any other in three digits that are accepted. What
-    helps is to take the bound, unless that is above `greatest`, which the setting never exceeds,
-    or else `remedy`.
+    A refusal names the bound: a whole number as it is, any other rounded to three digits within the
+    bound. It proposes that value, unless the setting may not be above `greatest` and the bound is,
+    and `remedy`.
     """
 
     name: str

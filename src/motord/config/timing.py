@@ -43,7 +43,7 @@ SPEED_RESOLUTION_MAX = 0.2
 """Of the speed limit: by no more may the speed be off that the encoder shows, by its counts and the
 times of its samples. Set-points end so far below it."""
 TRACK_PATTERNS = 3
-"""So many patterns of an encoder track have ended without a change of it where it is stuck."""
+"""An encoder track is stuck that has not changed while so many of its patterns have passed."""
 SAMPLE_TIME_S = 100e-6
 """By so much the time of a bridge's sample may be wrong: of a heartbeat's way half is known."""
 TURN_PER_SAMPLE_MAX_RAD = math.pi / 4

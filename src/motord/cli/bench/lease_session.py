@@ -174,9 +174,9 @@ def hold(client: "Client", lease: "Lease", answer: "StateReply", for_s: float | 
 
 @dataclass
 class _Watched:
-    """What a bench was seen in, to find out when it is no longer what was commanded.
+    """The highest state that a bench was seen in, to find out when it falls back from it.
 
-    States up to `read_ns` (Unix) may be of before the answer to the command.
+    States up to `read_ns` (Unix) may date from before the answer to the command.
     """
 
     rank: int
