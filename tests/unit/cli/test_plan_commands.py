@@ -12,7 +12,9 @@ from motord.api.queue_requests import QueueContent
 from motord.cli import app
 from motord.cli.plan import commands
 from motord.cli.plan.commands import _then
+from motord.cli.plan.preflight import predict
 from motord.cli.plan.queue import _added, _text
+from motord.config import load
 
 
 @pytest.mark.parametrize(
@@ -90,3 +92,15 @@ def test_runs_of_what_has_left_the_queue_do_not_say_that_it_is_there() -> None:
     [first, second] = _text(content).splitlines()[-2:]
     assert "still in the queue" not in first
     assert "still in the queue" in second
+
+
+def test_a_bench_of_another_version_is_not_simulated(capsys: pytest.CaptureFixture) -> None:
+    content = {**load().model_dump(mode="json"), "acme": {}}
+    client = SimpleNamespace(config=lambda: SimpleNamespace(config=content))
+    with pytest.raises(typer.Exit):
+        predict(client, "verify", {}, 1.0)
+    said = capsys.readouterr().err
+    assert (
+        "not simulated: this motord cannot read the daemon's bench (acme: is not known); " in said
+    )
+    assert "run this on the daemon's machine, or with --limit-s 0" in said

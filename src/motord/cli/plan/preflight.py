@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from motord.virtual.preflight import Forecast
 
 LIMIT_S = 120.0
+ON_ITS_MACHINE = "run this on the daemon's machine, or with --limit-s 0"
 
 
 def predict(
@@ -22,13 +23,22 @@ def predict(
     The rig is that of [bench] rig; without one, what the bench file says of motor, brake, sensor
     and inverter. Nothing is simulated for longer than `limit_s`.
     """
+    from pydantic import ValidationError
+
     from motord.config import Config, ConfigError
     from motord.experiments.plans import build
+    from motord.section.complaints import wrong_things
     from motord.sequencing import PlanError
     from motord.virtual.mesh import processors
     from motord.virtual.preflight import forecasts
 
-    config = Config.model_validate_json(json.dumps(client.config().config))
+    try:
+        config = Config.model_validate_json(json.dumps(client.config().config))
+    except ValidationError as error:
+        wrong = "; ".join(wrong_things(error))
+        fail(
+            f"not simulated: this motord cannot read the daemon's bench ({wrong}); {ON_ITS_MACHINE}"
+        )
     try:
         plan = build(name, config, settings)
         compensates = plan.settings.get("compensate", "off") != "off"
@@ -47,7 +57,7 @@ def _calibration(client: "Client") -> "Calibration":
             client, "not simulated: this plan compensates, but no calibration is installed any more"
         )
     except CalibrationError as error:
-        fail(f"not simulated: {error}; run this on the daemon's machine, or with --limit-s 0")
+        fail(f"not simulated: {error}; {ON_ITS_MACHINE}")
 
 
 def as_dict(each: "Forecast") -> dict[str, Any]:
