@@ -52,10 +52,10 @@ class BenchConfig(Section):
     faults: Path | None = None
     """A timeline of faults to inject into a simulated or an emulated bench."""
     rig_patience_s: Wait | None = None
-    """For an emulator on a computer that stalls: of a time in which it did not run the rig plays so
-    much, the last part; and with the power stage on its time stands still when no current
-    command has come for so long, until one comes or the inverter's timeout is over. Without it
-    the rig plays on, as a real one does."""
+    """For an emulator on a computer that stalls: of the time of a stall the rig makes up for so
+    much at most; and while the power stage is on, its time stands still once no current command
+    has come for so long, until one comes or the inverter's timeout is over. Left out: the rig goes
+    on, as a real one does."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
     """Seed of all that is random in a simulated rig."""
     notes: str = ""
