@@ -106,8 +106,11 @@ def demo(
     On a computer with a display the report is opened in the browser at the end.
     """
     explain_first_run(silent=json)  # before the imports, which make the folder of the kernels
-    from motord.reproduce.demo import STAGES, run_demo, write_report
+    from motord.reproduce.demo import FILES, STAGES, run_demo, write_report
 
+    taken = [name for name in FILES.values() if (out / name).exists()]
+    if taken and FILES["before"] not in taken:  # which a demo writes first
+        fail(f"{out / taken[0]}: is of no demo and would be lost; name another folder with --out")
     with stage_progress(STAGES, out, silent=json) as progress:
         found = run_demo(out, seed, quick, progress)
         write_report(found)

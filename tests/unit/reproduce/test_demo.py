@@ -179,6 +179,15 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize("name", ["calibrate.mcap", "calibration.json", "report.html"])
+def test_files_of_no_demo_are_not_overwritten(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("mine")
+    done = RUNNER.invoke(app, ["demo", "--quick", "--out", str(tmp_path)])
+    assert done.exit_code == 1
+    assert f"{tmp_path / name}: is of no demo and would be lost" in done.stderr
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, "mine")]
+
+
 def test_what_reproduce_left_is_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "reproduce.html").write_text("of before")
     done = RUNNER.invoke(app, ["reproduce", "--quick", "--out", str(tmp_path)])
