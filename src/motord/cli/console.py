@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 import typer
 from typer.core import TyperGroup
@@ -39,12 +39,17 @@ def fail_with(errors: Sequence[str]) -> None:
 
 def remark(line: str) -> None:
     """Print a line on stderr, for people; it is no part of the result."""
-    print(line, file=sys.stderr, flush=True)  # noqa: T201
+    _print_whole(line, sys.stderr)
 
 
 def print_line(line: str) -> None:
     """Print a line on stdout now, also into a pipe: for what goes on."""
-    print(line, flush=True)  # noqa: T201
+    _print_whole(line, sys.stdout)
+
+
+def _print_whole(line: str, stream: TextIO) -> None:
+    """Write a line with its end at once: `print` by itself lets other threads write in between."""
+    print(f"{line}\n", end="", file=stream, flush=True)
 
 
 def print_json(obj: Any) -> None:

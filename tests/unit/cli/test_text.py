@@ -14,7 +14,14 @@ from typer.testing import CliRunner
 
 from motord.cli import app
 from motord.cli.analysis_command import print_text
-from motord.cli.console import fail, plain_console, progress_bar, with_kinds
+from motord.cli.console import (
+    fail,
+    plain_console,
+    print_line,
+    progress_bar,
+    remark,
+    with_kinds,
+)
 from motord.config import ConfigError
 from motord.config.experiments import plan_kinds
 from motord.report.text import TextTable
@@ -199,3 +206,12 @@ def test_what_has_several_lines_keeps_them(capsys):
     first, second = capsys.readouterr().err.splitlines()
     assert first == "motord: not simulated: a.toml:1: one thing"
     assert second == "motord: a.toml:2: another"
+
+
+@pytest.mark.parametrize(("say", "stream"), [(print_line, "stdout"), (remark, "stderr")])
+def test_no_other_thread_writes_between_a_line_and_its_end(say, stream, monkeypatch):
+    written = []
+    recorder = SimpleNamespace(write=written.append, flush=lambda: None)
+    monkeypatch.setattr(sys, stream, recorder)
+    say("a line")
+    assert [part for part in written if part] == ["a line\n"]
