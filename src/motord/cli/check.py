@@ -6,7 +6,7 @@ import os
 import socket
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -249,15 +249,14 @@ def _probe_channel(channel: "ChannelConfig", source: "ChannelSource") -> str:
 
     judged, end_s = Channel(channel), time.monotonic() + channel.timeout_s
     try:
-        source.open()
-        while (sample := source.read()) is None and time.monotonic() < end_s:
-            time.sleep(LOOK_S)
+        with closing(source):
+            source.open()
+            while (sample := source.read()) is None and time.monotonic() < end_s:
+                time.sleep(LOOK_S)
     except DeviceError:
         raise
     except Exception as error:  # of a driver of another package
         raise DeviceError(f"error in its driver: {type(error).__name__}: {error}") from error
-    finally:
-        source.close()
     if sample is None:
         raise DeviceError(f"nothing came within timeout_s = {channel.timeout_s:g}")
     now_ns = time.monotonic_ns()

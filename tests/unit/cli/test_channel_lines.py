@@ -1,5 +1,7 @@
 """Slow channels in `motord status`, `watch` and `check`, as text."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from motord.api.published_message import ChannelView
@@ -8,6 +10,7 @@ from motord.cli.bench.status import table
 from motord.cli.bench.watch import panels
 from motord.cli.check import probe_devices
 from motord.config import ChannelConfig, load
+from motord.hal.channel_source import RawSample
 from tests.support.channel_package import install
 from tests.unit.cli.watch.samples import state
 
@@ -63,13 +66,31 @@ def test_status_and_watch_have_a_line_for_channels():
 )
 def test_check_says_what_each_channel_reads(said, ok, message, tmp_path, monkeypatch):
     install(tmp_path, monkeypatch)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     script = tmp_path / "script"
     script.write_text(said)
-    source = {"driver": "scripted", "settings": {"script": str(script)}}
-    about = {"name": "probe_C", "unit": "degC", "rate_Hz": 20.0, "timeout_s": 0.2}
-    channel = ChannelConfig.model_validate({**about, "trip_above": 130.0, "source": source})
-    findings = probe_devices(load().model_copy(update={"channels": (channel,)}))
-    [found] = [one for one in findings if one["what"] == "channel probe_C"]
+    found = checked(channel({"script": str(script)}), tmp_path, monkeypatch)
     assert found["ok"] is ok
     assert found["message"].startswith(message)
+
+
+def test_check_names_a_driver_that_cannot_be_closed(tmp_path, monkeypatch):
+    source = SimpleNamespace(
+        open=lambda: None, read=lambda: RawSample(21.5, 0), close=lambda: 1 / 0
+    )
+    scripted = channel({})
+    monkeypatch.setattr("motord.hal.channels.registry.make_lines", lambda _: [[(scripted, source)]])
+    found = checked(scripted, tmp_path, monkeypatch)
+    assert not found["ok"]
+    assert found["message"].startswith("error in its driver: ZeroDivisionError")
+
+
+def channel(settings):
+    source = {"driver": "scripted", "settings": settings}
+    about = {"name": "probe_C", "unit": "degC", "rate_Hz": 20.0, "timeout_s": 0.2}
+    return ChannelConfig.model_validate({**about, "trip_above": 130.0, "source": source})
+
+
+def checked(channel, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    findings = probe_devices(load().model_copy(update={"channels": (channel,)}))
+    return next(one for one in findings if one["what"] == "channel probe_C")
