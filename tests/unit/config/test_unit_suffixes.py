@@ -12,6 +12,8 @@ from motord.config.unit_suffixes import UNITS, split_unit, unit_of
         ("speed_rad_s", "speed", "rad/s"), ("a_rad_s2", "a", "rad/s2"), ("rests", "rests", ""),
         ("k_V_s_per_rad", "k", "V s/rad"), ("b_Nm_s_per_rad", "b", "Nm s/rad"),
         ("resistance_per_K", "resistance", "1/K"), ("resistance_ohm", "resistance", "ohm"),
+        ("rise_K_per_A2", "rise", "K/A2"), ("loss_W_per_K", "loss", "W/K"),
+        ("back_emf_percent_per_K", "back_emf", "%/K"), ("adc_V_per_count", "adc", "V/count"),
         ("torque_rate_Nm_per_s", "torque_rate", "Nm/s"),
         ("ripple_percent", "ripple", "%"), ("Nm", "Nm", ""), ("stderr_Nm", "stderr", "Nm"),
     ],

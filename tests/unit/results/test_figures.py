@@ -66,6 +66,11 @@ def interval(value, stderr, factor=MANY):
             ],
         ),
         (
+            {"rise_K_per_A2": 1.0, "rise_stderr_K_per_A2": 0.1, "rise_low_K_per_A2": 0.8,
+             "rise_high_K_per_A2": 1.2},
+            [ResultFigure("rise_K_per_A2", "K/A2", 1.0, 0.1, 0.8, 1.2)],
+        ),
+        (
             {"error_percent": {"after": {"max": 2}}},
             [ResultFigure("error_percent.after.max", "%", 2)],
         ),

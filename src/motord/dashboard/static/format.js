@@ -80,8 +80,8 @@ const UNITS = {
   Nm: "Nm", mNm: "mNm", Nm_per_rad: "Nm/rad", Nm_s_per_rad: "Nm s/rad",
   Nm_per_s: "Nm/s", Nm_per_V: "Nm/V", V_s_per_rad: "V s/rad", V_per_count: "V/count",
   m: "m", kg: "kg", kg_m2: "kg m\u00b2", N_per_m: "N/m",
-  K: "K", K_per_W: "K/W", J_per_K: "J/K", K_per_min: "K/min",
-  per_K: "1/K", percent_per_K: "%/K", percent: "%", points: "encoder points", counts: "counts",
+  K: "K", K_per_W: "K/W", W_per_K: "W/K", J_per_K: "J/K", K_per_min: "K/min",
+  K_per_A2: "K/A\u00b2", per_K: "1/K", percent_per_K: "%/K", percent: "%", points: "encoder points", counts: "counts",
 };
 const SUFFIX = new RegExp(`_(${Object.keys(UNITS).join("|")})$`);
 
