@@ -49,8 +49,7 @@ class Stribeck:
 
     JSON = (
         "torque_Nm=torque.value", "low_Nm=torque.low", "high_Nm=torque.high",
-        "speed_rad_s=speed.value", "speed_low_rad_s=speed.low", "speed_high_rad_s=speed.high",
-        "torque_stderr_Nm=torque.stderr", "speed_stderr_rad_s=speed.stderr",
+        "torque_stderr_Nm=torque.stderr", "speed_rad_s=speed",
     )  # fmt: skip
 
     torque: IntervalEstimate

@@ -78,11 +78,10 @@ class ThermalConstants:
     """
 
     JSON: ClassVar = (
-        "nodes", "channels", "time_constants", "resistance_K_per_W", "rise_K_per_A2=rise.value",
-        "rise_stderr_K_per_A2=rise.stderr", "rise_low_K_per_A2=rise.low",
-        "rise_high_K_per_A2=rise.high", "resistances", "capacities", "steady", "ambient_C",
-        "ambient_stderr_C", "ambient_measured", "current_rms_A", "heat_W", "heating_s",
-        "cooling_s", "ended_by", "residual_K", "notes",
+        "nodes", "channels", "time_constants", "resistance_K_per_W", "rise_K_per_A2=rise",
+        "resistances", "capacities", "steady", "ambient_C", "ambient_stderr_C",
+        "ambient_measured", "current_rms_A", "heat_W", "heating_s", "cooling_s", "ended_by",
+        "residual_K", "notes",
     )  # fmt: skip
 
     nodes: tuple[str, ...]
