@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from motord.cli.analysis_command import print_text
+from motord.cli.bench.wording import number
 from motord.cli.common_options import AsJson, bench_file, bench_files, check_output_files
 from motord.cli.console import fail, print_json, progress_bar
 
@@ -111,7 +112,7 @@ def _table(title: str, figures: "Condition | LatencyReport") -> "TextTable":
         rows.append(["cyclictest, wake-up", *_cells(figures.cyclictest)])
     ratio = getattr(figures, "ratio", None)
     if ratio is not None:
-        rows.append(["ratio", _number(ratio.p50), _number(ratio.p99)])
+        rows.append(["ratio", number(ratio.p50), number(ratio.p99)])
     rows.append(["loop, work", *_cells(figures.work)[:4], "", str(figures.work.samples)])
     header = ("us", "p50", "p99", "p99.9", "max", "missed", "ticks")
     return TextTable(title, header, rows, left=(0,))
@@ -119,11 +120,7 @@ def _table(title: str, figures: "Condition | LatencyReport") -> "TextTable":
 
 def _cells(figures: "Figures") -> list[str]:
     times = (figures.p50_us, figures.p99_us, figures.p999_us, figures.max_us)
-    return [*(_number(time_us) for time_us in times), str(figures.missed), str(figures.samples)]
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.0f}" if value >= 100 else f"{value:.3g}"
+    return [*(number(time_us) for time_us in times), str(figures.missed), str(figures.samples)]
 
 
 def _draw(measured: "Measured", path: Path) -> None:
