@@ -52,11 +52,13 @@ COMMANDS = {
 
 
 WRITE_FILES = (
-    "analyse", "calibration", "demo", "record", "reproduce", "results", "security", "simulate",
+    "analyse", "calibration", "demo", "emulate", "record", "reproduce", "results", "security",
+    "simulate",
 )  # fmt: skip
 """Commands that SIGTERM and SIGHUP end as Ctrl-C does, so that no unfinished file stays behind.
 
-Those that move a bench, or go on until they are ended, have handlers of their own.
+Those that move a bench, or go on until they are ended, have handlers of their own, `emulate` once
+it has started.
 """
 
 INTERRUPTED_WHILE_READ = 130

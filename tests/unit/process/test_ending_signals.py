@@ -112,6 +112,15 @@ def test_an_emulator_ends_in_good_order(tmp_path, monkeypatch, number):
     assert [path.name for path in tmp_path.iterdir()] == ["truth.mcap"]
 
 
+def test_an_emulator_that_is_ended_while_it_starts_leaves_no_file(tmp_path, monkeypatch):
+    assert "emulate" in WRITE_FILES
+    kill = lambda *_: os.kill(os.getpid(), signal.SIGTERM)  # noqa: E731
+    monkeypatch.setattr("motord.emulate.process.Emulator", kill)
+    with ending_as_interrupts(), pytest.raises(KeyboardInterrupt):
+        emulate(packaged("sim.toml"), tmp_path / "truth.mcap")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_process_that_was_forked_is_ended():
     with ending_as_interrupts():
         child = os.fork()
