@@ -76,8 +76,7 @@ def archive(
 
     Copying stops as soon as the bench records, is enabled or runs a plan, and goes on from there
     with the next run; without a daemon the bench counts as idle. With -c it asks the daemon of that
-    bench file. Exit code 1 if something could not
-    be archived, or differs.
+    bench file. Exit code 1 if something could not be archived, or differs.
     """
     if ":/" in str(destination) and not destination.exists():
         raise typer.BadParameter(f"{destination} is a URL: mount it, and name the folder")
