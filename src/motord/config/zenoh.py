@@ -28,7 +28,9 @@ def _closed_to_others(endpoints: tuple[str, ...]) -> tuple[str, ...]:
             'Other machines come in by "tls/0.0.0.0:7448" besides, with certificates and roles: '
             "`motord security init` makes them"
         )
-    for endpoint in endpoints:
+    for number, endpoint in enumerate(endpoints):
+        if endpoint in endpoints[:number]:
+            raise ValueError(f"{endpoint} is listed twice")
         port = endpoint.rpartition(":")[2]
         if port.isdecimal() and not 0 < int(port) <= PORT_MAX:
             raise ValueError(f"{endpoint}: a port is a number from 1 to {PORT_MAX}")

@@ -562,6 +562,8 @@ def test_check_says_whether_the_daemon_could_listen(tmp_path, check):
     code, said = found("tcp/127.0.0.1:99999")
     assert code == 1
     assert "zenoh.listen: tcp/127.0.0.1:99999: a port is a number from 1 to 65535" in said
+    code, said = found('tcp/127.0.0.1:7447", "tcp/127.0.0.1:7447')
+    assert (code, "zenoh.listen: tcp/127.0.0.1:7447 is listed twice" in said) == (1, True)
 
 
 def test_check_says_whether_a_unix_socket_is_in_use(tmp_path, monkeypatch):

@@ -68,7 +68,7 @@ class StepFading:
         rows = np.column_stack([t_s, basis, slows, angle_rad])[: begins[-1] + size]
         means = np.add.reduceat(rows, begins) / size
         variance = noise_rad_s2**2 * float(np.median(np.diff(t_s)))
-        covariance = variance * _twice_integrated(means[:, 0])
+        covariance = variance * _integrated_noise_covariance(means[:, 0])
         covariance += rounding_rad**2 / size * np.eye(begins.size)
         white = np.linalg.solve(np.linalg.cholesky(covariance), means[:, 1:])
         _, triangular = np.linalg.qr(white)
@@ -78,7 +78,7 @@ class StepFading:
         return cls(strength, 1 / left, -float(weights @ slows))
 
 
-def _twice_integrated(t_s: np.ndarray) -> np.ndarray:
+def _integrated_noise_covariance(t_s: np.ndarray) -> np.ndarray:
     """Return the covariance (n, n) of unit white noise that is twice integrated, at t_s (n,)."""
     earlier = np.minimum.outer(t_s, t_s)
     return np.asarray(earlier**3 / 3 + np.abs(np.subtract.outer(t_s, t_s)) * earlier**2 / 2)

@@ -265,7 +265,7 @@ def _stderr(
 
     noise_rad_s2: white noise of each sample of the acceleration whose double integral they are.
     """
-    twice = _twice_integrated(weights[:, None], t_s)
+    twice = _acceleration_weights(weights[:, None], t_s)
     noise, rounding = float((twice**2).sum()), float(weights @ weights)
     return sqrt(noise_rad_s2**2 * noise + rounding_rad**2 * rounding)
 
@@ -282,12 +282,12 @@ def _left_by_noise(
     begins_s = ends_s - _periods(t_s)
     sums = [np.cumsum((fitted * ends_s**n)[::-1])[::-1] for n in range(3)]
     whole = _periods(t_s) ** 2 @ (sums[2] - 2 * begins_s * sums[1] + begins_s**2 * sums[0])
-    left = float(whole - (_twice_integrated(basis, t_s) ** 2).sum())
+    left = float(whole - (_acceleration_weights(basis, t_s) ** 2).sum())
     free = int(fitted.sum()) - basis.shape[1]
     return float(noise_rad_s2**2 * max(left, 0.0) + rounding_rad**2 * free)
 
 
-def _twice_integrated(sums: np.ndarray, t_s: np.ndarray) -> np.ndarray:
+def _acceleration_weights(sums: np.ndarray, t_s: np.ndarray) -> np.ndarray:
     """Return weights (n, k) of the accelerations in sums of angles with weights (n, k)."""
     dt_s = _periods(t_s)[:, None]
     later = np.cumsum(sums[::-1], axis=0)[::-1] * dt_s

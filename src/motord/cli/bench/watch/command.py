@@ -17,6 +17,7 @@ from motord.cli.bench.overview import All, watch_all
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection
 from motord.cli.console import print_line, remark
+from motord.process.interrupts import ENDING
 from motord.process.signal_handlers import handled
 from motord.process.standard_streams import nobody_reads
 
@@ -39,7 +40,6 @@ AsciiOnly = Annotated[bool, typer.Option("--ascii", help="Draw with ASCII charac
 
 GIVE_UP_S = 5.0
 """A program that has not ended so long after a signal hangs: the process ends without it."""
-_NUMBERS = (signal.SIGTERM, signal.SIGHUP)
 
 
 def watch(
@@ -181,7 +181,7 @@ def ending_signals(end: Callable[[], object], give_up: Callable[[], object]) -> 
     threading.Thread(
         target=_take, args=(receiving, end, give_up), name="motord-signals", daemon=True
     ).start()
-    with sending, handled(_NUMBERS, lambda *_: None):
+    with sending, handled(ENDING, lambda *_: None):
         descriptor = signal.set_wakeup_fd(sending.fileno(), warn_on_full_buffer=False)
         try:
             yield
@@ -194,7 +194,7 @@ def _take(
 ) -> None:
     with receiving:
         while received := receiving.recv(1):
-            if received[0] in _NUMBERS:
+            if received[0] in ENDING:
                 break
         else:
             return
