@@ -74,13 +74,14 @@ WAYS: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
     "misread counts": partial(changed, "encoder_count", misread),
     "truncated": lambda own: own[: own.size // 3],
     "too short": lambda own: own[:7],
+    "no ticks": lambda own: own[:0],
     "standing rotor": partial(changed, "encoder_count", lambda count: count[0]),
 }
 
 SAMPLES_ALONE = "torque unknown at times"
 """A way that leaves out samples, and nothing is to be said of the capture."""
 
-ONE_OF_EACH = ("lost turns", "torque not recorded", "misread counts", "truncated")
+ONE_OF_EACH = ("lost turns", "torque not recorded", "misread counts", "truncated", "no ticks")
 SLOW = {"calibrate", "friction", "sensitivity"}
 """Analyses of a second each, tried in one way of each kind."""
 

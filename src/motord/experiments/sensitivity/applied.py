@@ -69,7 +69,7 @@ class AppliedCompensation:
         """Take the ticks of a point with what was induced there. Raises IdentifyError."""
         flags = ticks["flags"].astype(np.int64)
         good = (flags & int(BOTH) == int(BOTH)) & (flags & int(SPOILT) == 0)
-        if not good.any():
+        if ticks.size and not good.any():
             raise IdentifyError(
                 "the currents of this run were not compensated for gains, offsets and cogging "
                 "torque: install a calibration before the plan"

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -85,6 +86,9 @@ def points_of(run: Run, subject: Subject, left_out: CapturesLeftOut) -> Iterator
         for point in points:
             ticks = run.ticks(COLUMNS, **bounds_of(point))
             ticks = rows_of(ticks, ticks["plan_point"] == int(point["index"]))
+            with left_out.noted(*_capture(run, point)):
+                if not ticks.size:
+                    raise CaptureError("the recording has no ticks of it")
             if ticks.size:
                 yield _point(
                     run, point, ticks, subject, channels, ripples.get(int(point["index"])), left_out
@@ -101,8 +105,8 @@ def _point(
     left_out: CapturesLeftOut,
 ) -> PointFigures:
     span_ns = int(ticks["t_ns"][0]), int(ticks["t_ns"][-1])
-    mean_Nm, label = np.nan, capture_label(run, point)
-    with left_out.noted(label, (run.path, int(point["tick_start"]))):
+    mean_Nm, (label, _) = np.nan, (capture := _capture(run, point))
+    with left_out.noted(*capture):
         if not isinstance(found, CaptureError) or isinstance(found, NoWholeTurn):
             mean_Nm = _mean_torque_Nm(ticks, label)
         if isinstance(found, CaptureError):
@@ -121,6 +125,11 @@ def _point(
         ripple=None if ripple is None else without_orders(ripple),
         left_out=bool(np.isnan(mean_Nm)),
     )
+
+
+def _capture(run: Run, point: Mapping[str, Any]) -> tuple[str, tuple[Path, int]]:
+    """Return the label of a capture, and what no other has."""
+    return capture_label(run, point), (run.path, int(point["tick_start"]))
 
 
 def _mean_torque_Nm(ticks: np.ndarray, label: str) -> float:
