@@ -7,6 +7,8 @@ from itertools import combinations, groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from motord.experiments.subject import AnalysisError
 from motord.findings import Finding, listed
 from motord.identification import IdentifyError
@@ -116,25 +118,29 @@ def check_given_once(runs: Sequence[Run]) -> None:
         found = list(alike)  # in the order given
         if len(found) > 1:
             _check_contents(found)
-    points = [
-        {(int(point["tick_start"]), int(point["t_start_ns"])) for point in run.operating_points()}
+    spans_ns = [
+        {(int(point["t_start_ns"]), int(point["t_end_ns"])) for point in run.operating_points()}
         for run in runs
     ]
-    for (run, its), (other, others) in combinations(zip(runs, points, strict=True), 2):
-        if _have_a_tick(run, other, sorted(its & others)):
+    for (run, its), (other, others) in combinations(zip(runs, spans_ns, strict=True), 2):
+        if _have_a_capture(run, other, sorted(its & others)):
             raise _given_twice(other.path, run.path)
 
 
-def _have_a_tick(run: Run, other: Run, begins: Iterable[tuple[int, int]]) -> bool:
-    """Return whether two recordings have the same tick where captures of both begin.
+def _have_a_capture(run: Run, other: Run, spans_ns: Iterable[tuple[int, int]]) -> bool:
+    """Return whether all ticks of a capture that two recordings have are the same in both.
 
-    begins: by tick and time, which recordings of a simulated rig have in common.
+    spans_ns: of captures at the same times, which recordings of a simulated rig, and those that
+    were imported with one start, may have in common.
     """
-    for _, t_ns in begins:
-        a, b = (one.ticks(from_ns=t_ns, to_ns=t_ns)[:1] for one in (run, other))
-        if a.size and b.size:
-            names = a.dtype.names if a.dtype == b.dtype else None
-            return names is not None and all(a[n].tobytes() == b[n].tobytes() for n in names)
+    for from_ns, to_ns in spans_ns:
+        ticks, others = (one.ticks(from_ns=from_ns, to_ns=to_ns) for one in (run, other))
+        _, here, there = np.intersect1d(ticks["t_ns"], others["t_ns"], return_indices=True)
+        if here.size:
+            names = ticks.dtype.names if ticks.dtype == others.dtype else None
+            return names is not None and all(
+                ticks[name][here].tobytes() == others[name][there].tobytes() for name in names
+            )
     return False
 
 

@@ -115,9 +115,11 @@ def test_a_recording_and_what_was_recovered_of_it_are_refused(cut, recorded, tmp
     assert f"{clean}: is the same recording as {cut}; counted twice" in line
 
 
-def test_two_recordings_of_a_simulated_rig_begin_at_one_time(whole, recorded, tmp_path):
-    ticks = recorded.ticks.copy()
-    ticks["torque_Nm"] *= 1.001
+@pytest.mark.parametrize("alike", [0, 50])
+def test_two_recordings_may_begin_at_one_time_and_alike(whole, recorded, tmp_path, alike):
+    """As of a simulated rig, or imported with one `start` and of a coarse sensor."""
+    ticks, begin = recorded.ticks.copy(), recorded.points[0]["tick_start"]
+    ticks["torque_Nm"][ticks["tick"] >= begin + alike] *= 1.001
     analyse(whole, replace(recorded, ticks=ticks).write(tmp_path / "other.mcap"))
 
 
