@@ -72,8 +72,10 @@ def test_a_bar_that_is_pulled_to_and_fro_and_never_let_go_is_waited_for() -> Non
     def pulled(t_s: float) -> float:
         return 0.2 * float(np.clip(2.5 - abs(t_s % 6 - 3), 0, 1))  # up, held, down, held
 
-    executor = watch(Bar(pulled), 30.0, repeats=1, timeout_s=20.0)
+    bar = Bar(pulled)
+    executor = watch(bar, 30.0, repeats=1, timeout_s=20.0)
     assert executor.state is PlanState.FAILED
+    assert 20_000 < bar.tick < 20_200
     assert "nothing let go within 20 s: deflect the bar between its springs" in executor.message
 
 

@@ -73,24 +73,19 @@ def release(point: OperatingPoint, own: OscillationConfig) -> Motion[Capture]:
 
     A power stage that is on is switched off first: its currents would act on the rotor.
     """
-
-    def late(seen: Observation) -> str:
-        return (
-            f"{seen.demand.label}: nothing let go within {own.timeout_s:g} s: deflect the bar "
-            f"between its springs by {own.deflection_min_rad:g} rad or more, hold it still, let "
-            "go; a simulated rig needs such a bar, [swing], as that of the packaged inertia.toml"
-        )
-
-    limit_s = own.timeout_s + own.swing_max_s  # what is let go in time swings to its end
-    return (yield from within(limit_s, _release_unpowered(point, own), late))
-
-
-def _release_unpowered(point: OperatingPoint, own: OscillationConfig) -> Motion[Capture]:
     seen = yield None
     if seen.state is State.ENABLED:
         yield Demand(enabled=True, label="switching off")  # a fall disables, so it has to rise
-        yield from ramp_down()
+        yield from within(own.timeout_s, ramp_down(), partial(_late, own))
     return (yield from guarded(_release(point, own), _begin_again_if_enabled))
+
+
+def _late(own: OscillationConfig, seen: Observation) -> str:
+    return (
+        f"{seen.demand.label}: nothing let go within {own.timeout_s:g} s: deflect the bar between "
+        f"its springs by {own.deflection_min_rad:g} rad or more, hold it still, let go; a "
+        "simulated rig needs such a bar, [swing], as that of the packaged inertia.toml"
+    )
 
 
 def _begin_again_if_enabled(seen: Observation) -> str:
@@ -100,23 +95,10 @@ def _begin_again_if_enabled(seen: Observation) -> str:
 
 
 def _release(point: OperatingPoint, own: OscillationConfig) -> Motion[Capture]:
-    """Capture a release, from the hold before it.
-
-    At rest the bar is still, too: then it is pulled, which is no release since it stays there.
-    """
+    """Capture a release, from the hold before it until its swing has faded."""
     idle = Demand(label=f"release {point.index + 1}")
     captured = replace(idle, plan_point=point.index)
-    hold_still = "deflect the bar and hold it still"
-    free = idle.labelled(hold_still)
-    while True:
-        bar = _Deflection((yield from _still(free, own)).turned_rad)
-        left = yield from _leaves(captured.labelled("let go"), bar, own)
-        came_back = yield from _comes_back(captured.labelled("moving"), bar, own)
-        if came_back and bar.furthest_rad >= 2 * own.deflection_min_rad:
-            break
-        if came_back:
-            free = idle.labelled(f"{hold_still} (by {own.deflection_min_rad:g} rad at least)")
-        yield free
+    left, bar = yield from within(own.timeout_s, _let_go(idle, captured, own), partial(_late, own))
     range_rad = _Range(FADED_S)
     seen = yield from hold(
         captured.labelled("swinging"),
@@ -165,6 +147,26 @@ class _Range:
             return math.inf
         later = list(self._seen)[1:]  # the block of the oldest lies before the span
         return max(each.highest_rad for each in later) - min(each.lowest_rad for each in later)
+
+
+def _let_go(
+    idle: Demand, captured: Demand, own: OscillationConfig
+) -> Motion[tuple[Observation, _Deflection]]:
+    """Return where the bar left the hold, and its deflection, once it has come back.
+
+    At rest the bar is still, too: then it is pulled, which is no release since it stays there.
+    """
+    hold_still = "deflect the bar and hold it still"
+    free = idle.labelled(hold_still)
+    while True:
+        bar = _Deflection((yield from _still(free, own)).turned_rad)
+        left = yield from _leaves(captured.labelled("let go"), bar, own)
+        came_back = yield from _comes_back(captured.labelled("moving"), bar, own)
+        if came_back and bar.furthest_rad >= 2 * own.deflection_min_rad:
+            return left, bar
+        if came_back:
+            free = idle.labelled(f"{hold_still} (by {own.deflection_min_rad:g} rad at least)")
+        yield free
 
 
 def _still(demand: Demand, own: OscillationConfig) -> Motion[Observation]:
