@@ -11,7 +11,7 @@ import pytest
 from motord.calibration import Calibration, load
 from motord.config import packaged
 from motord.experiments.plans import build
-from motord.experiments.profile import ProfileConfig, command
+from motord.experiments.profile import ProfileConfig
 from motord.experiments.profile.command import ANALYSIS, estimate
 from motord.experiments.profile.cycle_torque import slow_square
 from motord.experiments.profile.estimate import (
@@ -454,18 +454,6 @@ def test_a_picture_of_many_cycles_has_no_more_dots_than_a_page_can_hold() -> Non
         [axes] = over_plane([cycle] * cycles).axes
         [x] = [one.get_xdata() for one in axes.lines if one.get_label() == "measured"]
         assert len(x) == dots
-
-
-def test_a_calibration_that_names_no_serial_number_fits_a_recording_that_does(
-    played: Played, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made = load(played.calibration)
-    motor = made.motor.model_copy(update={"serial": ""})
-    unnamed = made.model_copy(update={"motor": motor})
-    monkeypatch.setattr(command, "load", lambda _: unnamed)
-    recordings = Recordings.open([played.on])
-    assert recordings.subject.motor.serial
-    assert estimate(recordings, played.calibration).energy_J.low is not None
 
 
 @pytest.mark.parametrize(
