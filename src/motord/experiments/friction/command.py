@@ -43,7 +43,7 @@ class _InertiaFile(BaseModel):
     motor: str = ""
     inertia_kg_m2: Positive
     uncertainty_kg_m2: NonNegative
-    freedom: Positive | None = None
+    freedom: Annotated[float, Field(gt=0)] | None = None
 
 
 def inertia_of(file: Path | None, settings: FrictionConfig, motor: str) -> Inertia:

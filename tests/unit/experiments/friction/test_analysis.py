@@ -13,7 +13,8 @@ from typer.testing import CliRunner
 from motord.cli import app
 from motord.config import Config, ConfigError, load, packaged
 from motord.config.experiments import plan_kinds
-from motord.experiments.friction.command import COLUMNS, coast_downs
+from motord.experiments.friction import FrictionConfig
+from motord.experiments.friction.command import COLUMNS, coast_downs, inertia_of
 from motord.experiments.friction.estimate import measure
 from motord.experiments.friction.result import Inertia
 from motord.experiments.plans import build
@@ -226,6 +227,16 @@ def test_an_inertia_of_another_motor_is_said(recorded: Path, inertia: Path, tmp_
     code, text = invoke("analyse", "friction", recorded, "--inertia", other)
     assert code == 0, text
     assert r"(inertia.json, of another motor, 'pump \x1b[31m', +-3.2 %)" in text
+
+
+def test_an_inertia_of_steps_that_repeat_well_has_any_number_of_degrees_of_freedom(
+    inertia: Path, tmp_path: Path
+) -> None:
+    """Steps that scatter by a thousandth of the uncertainty make 1e12 for each of their own."""
+    other = tmp_path / "inertia.json"
+    other.write_text(json.dumps(json.loads(inertia.read_text()) | {"freedom": 4e12}))
+    known = inertia_of(other, FrictionConfig(), "")
+    assert known.half_width == pytest.approx(1.96 * known.relative_uncertainty, rel=1e-4)
 
 
 def test_the_inertia_may_stand_in_the_bench_file(recorded: Path, tmp_path: Path) -> None:
