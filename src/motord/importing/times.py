@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -130,17 +131,23 @@ class _Days:
 def _over_midnight(t_ns: np.ndarray, before: _Days) -> tuple[np.ndarray, _Days]:
     """Return times of day (n,) that go on: a step back by more than half a day begins another.
 
-    But for one that the next step, or the one before, takes back: that is a time that is wrong.
+    But for one that the next step, or the one before, takes back: that is a time that is wrong; and
+    for one of several wrong times within `t_ns`, after which it is no earlier than it was before.
     """
     known = t_ns != MISSING_NS
     of_day_ns = t_ns[known]
     if not of_day_ns.size:
         return t_ns, before
     first_ns = of_day_ns[0] if before.of_day_ns == MISSING_NS else before.of_day_ns
-    steps_ns = np.diff(of_day_ns, prepend=first_ns)
+    left_ns = np.concatenate([[first_ns], of_day_ns[:-1]])
+    steps_ns = of_day_ns - left_ns
     back = (steps_ns < -DAY_NS // 2).astype(np.int64) - (steps_ns > DAY_NS // 2)
     taken_back = back * np.concatenate([[before.back], back[:-1]]) < 0
-    day = before.day + np.cumsum((back > 0).astype(np.int64) - taken_back)
+    begins = (back > 0).astype(np.int64) - taken_back
+    for step, following in pairwise(np.flatnonzero(back)):
+        if begins[step] > 0 > back[following] and of_day_ns[following] >= left_ns[step]:
+            begins[step], begins[following] = 0, 0
+    day = before.day + np.cumsum(begins)
     t_ns = t_ns.copy()
     t_ns[known] += day * DAY_NS
     return t_ns, _Days(int(of_day_ns[-1]), int(day[-1]), int(back[-1]))

@@ -98,7 +98,13 @@ def test_dates_may_be_written_in_another_form(tmp_path: Path, date_format: str, 
 
 @pytest.mark.parametrize(
     "wrong",
-    [{}, {500: "12:00:00.0"}, {500: "00:00:00.0"}, {2000: "12:00:00.0", 2500: "23:00:00.0"}],
+    [
+        {},
+        {500: "12:00:00.0"},
+        {500: "00:00:00.0"},
+        {500: "00:00:00.0", 501: "00:00:00.0", 502: "00:00:00.5"},
+        {2000: "12:00:00.0", 2500: "23:00:00.0"},
+    ],
 )
 def test_times_of_day_go_on_over_midnight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: dict[int, str]
