@@ -2,8 +2,8 @@
 
 Both directions of every message: the daemon encodes the command and decodes the feedback, the
 emulated drive the other way round. A message may carry an alive counter, one more with each frame
-up to the greatest value that width and DBC allow, then 0, and a CRC: CRC-8/SAE-J1850 over every
-byte of the payload but its own.
+up to the greatest value that width and DBC allow, then the least, and a CRC: CRC-8/SAE-J1850 over
+every byte of the payload but its own.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -47,9 +47,13 @@ _STATUS_PARTS = {
 
 @dataclass(frozen=True, slots=True)
 class Checks:
-    """What guards a message: its counter signal, if any, and the byte of its CRC, or -1."""
+    """What guards a message: its counter signal, if any, and the byte of its CRC, or -1.
+
+    A counter has `counter_modulus` values, from `counter_least` on.
+    """
 
     counter: SignalCodec | None = None
+    counter_least: int = 0
     counter_modulus: int = 0
     crc_byte: int = -1
 
@@ -107,7 +111,8 @@ class MessageCodec:
                 little |= signal.insert(value)
         checks = self.checks
         if checks.counter is not None:
-            bits = checks.counter.insert(counter % checks.counter_modulus)
+            number = checks.counter_least + counter % checks.counter_modulus
+            bits = checks.counter.insert(number)
             if checks.counter.big_endian:
                 big |= bits
             else:
@@ -135,14 +140,15 @@ class MessageCodec:
         return tuple([s.extract(big) if s.big_endian else s.extract(little) for s in self._signals])
 
     def counter(self, payload: bytes | bytearray) -> int:
-        """Return the alive counter in a payload that `decode` took; 0 if the message has none."""
+        """Return the alive counter in a payload that `decode` took, its least value as 0.
+
+        0 if the message has none.
+        """
         signal = self.checks.counter
         if signal is None:
             return 0
-        body = payload[: self._length]
-        if signal.big_endian:
-            return int(signal.extract(int.from_bytes(body, "big")))
-        return int(signal.extract(int.from_bytes(body, "little")))
+        raw = int.from_bytes(payload[: self._length], "big" if signal.big_endian else "little")
+        return int(signal.extract(raw)) - self.checks.counter_least
 
     def _crc(self, payload: bytes | bytearray) -> int:
         byte = self.checks.crc_byte

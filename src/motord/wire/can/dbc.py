@@ -172,10 +172,13 @@ class _Drafts:
             return
         draft, signal = self._existing(key, name)
         counter = SignalCodec(signal, draft.message.length)
-        least, greatest, _ = counter.steps
-        if signal.is_signed or not _is_whole(signal) or not least == 0 < greatest:
-            raise self._names.error(key, f"{name} must be an unsigned {_WHOLE}, from 0 on")
-        draft.checks = replace(draft.checks, counter=counter, counter_modulus=int(greatest) + 1)
+        if signal.is_signed or not _is_whole(signal):
+            raise self._names.error(key, f"{name} must be an unsigned {_WHOLE}")
+        least, greatest = map(int, counter.steps[:2])
+        values = greatest - least + 1
+        draft.checks = replace(
+            draft.checks, counter=counter, counter_least=least, counter_modulus=values
+        )
 
     def guard(self, key: str, name: str) -> None:
         if not name:
