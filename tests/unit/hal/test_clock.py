@@ -15,6 +15,7 @@ from motord.hal.bridge.clock import HEARTBEAT_LATENCY_NS, BoardClock
 from motord.hal.bridge.drift_estimator import SampleBound
 from motord.hal.can.base import BusState, CanFrame
 from motord.hal.channels.can import CanChannel, ListeningPort
+from motord.hal.channels.line_poller import OPEN_AGAIN_S
 from motord.hal.loop_clock import LoopClock
 from motord.wire.can.dbc import signal_codec
 from tests.support.properties import examples
@@ -379,7 +380,7 @@ def temperature_channel(port: ListeningPort, timeout_s: float = 3.0) -> CanChann
         {
             "name": "t_C",
             "unit": "degC",
-            "rate_Hz": 1.0,
+            "rate_Hz": 10.0,
             "timeout_s": timeout_s,
             "source": {"driver": "can", "dbc": DBC, "signal": TEMPERATURE},
         }
@@ -432,6 +433,22 @@ def test_a_bus_that_is_silent_is_opened_anew(
     with pytest.raises(DeviceError, match="no message of its channels came for 5 s"):
         hasty.read()
     hasty.close()
+    with pytest.raises(DeviceError, match="no message of its channels came for 5 s"):
+        patient.read()
     hasty.open()
     assert len(opened) == 2
     assert hasty.read() is None
+
+
+def test_a_bus_is_not_opened_anew_all_the_time(
+    clocks: Clocks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever timeout_s is: an adapter may take longer to be ready."""
+    monkeypatch.setattr("motord.hal.channels.can.open_bus", lambda *_: Frames())
+    channel = temperature_channel(ListeningPort(CanBusConfig()), 0.4)
+    channel.open()
+    clocks.monotonic += round(OPEN_AGAIN_S * 1e9)
+    assert channel.read() is None
+    clocks.monotonic += 1
+    with pytest.raises(DeviceError, match="no message of its channels came for 1 s"):
+        channel.read()

@@ -11,6 +11,7 @@ from motord.hal.base import DeviceError
 from motord.hal.can.base import CanBus
 from motord.hal.can.bus import open_bus
 from motord.hal.channel_source import RawSample
+from motord.hal.channels.line_poller import OPEN_AGAIN_S
 from motord.hal.loop_clock import LoopClock
 from motord.wire.can.dbc import signal_codec
 
@@ -18,8 +19,9 @@ from motord.wire.can.dbc import signal_codec
 class ListeningPort:
     """The bus that several channels listen to, with the newest payload of each message.
 
-    One that is silent for as long as the most patient of its channels waits has to be opened anew:
-    of an adapter that was away and is back nothing comes, and no error either.
+    One that is silent for as long as the most patient of its channels waits, and for
+    `OPEN_AGAIN_S`, has to be opened anew: of an adapter that was away and is back nothing comes,
+    and no error either.
     """
 
     def __init__(self, config: CanBusConfig) -> None:
@@ -27,15 +29,16 @@ class ListeningPort:
         self._bus: CanBus | None = None
         self._keys: set[int] = set()
         self._clock = LoopClock()
-        self._timeout_s = 0.0
+        self._patience_s = OPEN_AGAIN_S
         self._received_ns = 0
+        self._wrong = "not open"
         self.newest: dict[int, tuple[bytes, int]] = {}
         """By key: payload, and when it came (monotonic ns)."""
 
     def open(self, key: int, timeout_s: float) -> None:
         """Listen to messages of this key, too. Raises DeviceError."""
         self._keys.add(key)
-        self._timeout_s = max(self._timeout_s, timeout_s)
+        self._patience_s = max(self._patience_s, timeout_s)
         if self._bus is None:
             self._bus = open_bus(self._config, self._config.place)
             self._received_ns = time.monotonic_ns()
@@ -44,7 +47,7 @@ class ListeningPort:
     def pump(self) -> None:
         """Take what has come. Raises DeviceError for a bus that is off or has to be opened anew."""
         if self._bus is None:
-            raise DeviceError(f"{self._config.place}: not open")
+            raise DeviceError(f"{self._config.place}: {self._wrong}")
         now_ns, stamped = time.monotonic_ns(), self._clock.from_system
         self._clock.observe(now_ns)
         while frames := self._bus.receive():
@@ -52,12 +55,15 @@ class ListeningPort:
             for key, payload, stamp_ns in frames:
                 self.newest[key] = payload, stamped(stamp_ns) if stamp_ns else now_ns
         if self._bus.state.off:
-            raise DeviceError(f"{self._config.place}: the CAN controller is off the bus")
-        if now_ns - self._received_ns > round(self._timeout_s * 1e9):
-            raise DeviceError(
-                f"{self._config.place}: no message of its channels came for {self._timeout_s:g} s; "
-                "are adapter and sensor connected and on?"
+            self._wrong = "the CAN controller is off the bus"
+        elif now_ns - self._received_ns > round(self._patience_s * 1e9):
+            self._wrong = (
+                f"no message of its channels came for {self._patience_s:g} s; are adapter and "
+                "sensor connected and on?"
             )
+        else:
+            return
+        raise DeviceError(f"{self._config.place}: {self._wrong}")
 
     def close(self) -> None:
         """Leave the bus."""
