@@ -154,11 +154,11 @@ def probe_recordings(bench: "Config") -> Finding:
     from motord.recording.storage import free_bytes, obstacle
 
     folder = bench.recording.directory.absolute()
-    made = [one for one in (folder, *folder.parents) if not one.exists()]
+    made = [one for one in (folder, *folder.parents) if not os.path.lexists(one)]
     why = obstacle(bench.recording)
     message = why or f"{folder}, {free_bytes(folder) / 1e9:.1f} GB free"
-    with suppress(OSError):
-        for one in made:
+    for one in made:
+        with suppress(OSError):
             one.rmdir()
     return {"what": "recordings", "ok": not why, "message": message}
 

@@ -621,3 +621,14 @@ def test_check_says_whether_recordings_can_be_written(tmp_path, check):
     assert full.exit_code == 1
     assert not folder.exists()
     assert "less than recording.free_min_MB" in full.output
+
+
+@pytest.mark.parametrize("above", ["", "new"])
+def test_check_leaves_nothing_behind_where_no_folder_of_recordings_can_be(tmp_path, above):
+    from motord.cli.check import probe_recordings
+
+    bench, folder = config.load(), tmp_path / above / ("x" * 300)
+    recording = bench.recording.model_copy(update={"directory": folder})
+    found = probe_recordings(bench.model_copy(update={"recording": recording}))
+    assert "cannot write there: File name too long" in found["message"]
+    assert not list(tmp_path.iterdir())
