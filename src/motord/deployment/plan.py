@@ -203,8 +203,8 @@ def _with_start(unit: str, lines: str) -> str:
 
 
 def _start(program: tuple[str, ...], bench_file: Path) -> str:
-    words = map(_quoted, (*program, "run", "--config", str(bench_file)))
-    return "ExecStart=" + " ".join(words).replace("$", "$$")
+    path, *words = map(_quoted, (*program, "run", "--config", str(bench_file)))
+    return " ".join((f"ExecStart={path}", *(word.replace("$", "$$") for word in words)))
 
 
 def _quoted(word: str) -> str:

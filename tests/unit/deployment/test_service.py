@@ -298,7 +298,9 @@ def test_systemd_finds_nothing_wrong(
     monkeypatch.setenv("XDG_CONFIG_HOME", str(folder / "config"))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
     (folder / "bench.toml").rename(folder / name)
-    request = plans.ServiceRequest(str(folder / name), (PROGRAM,), user=user)
+    program = folder / "mo$tord"
+    program.symlink_to(PROGRAM)
+    request = plans.ServiceRequest(str(folder / name), (str(program),), user=user)
     [unit] = [file for file in plans.files_of(request) if file.path.name == plans.UNIT]
     path = folder / plans.UNIT
     path.write_text(unit.text)
