@@ -7,12 +7,14 @@ be right; unknown keys are errors.
 
 from motord.config.base import ConfigError as ConfigError
 from motord.config.base import Finite as Finite
+from motord.config.base import Fraction as Fraction
 from motord.config.base import NonNegative as NonNegative
 from motord.config.base import Positive as Positive
 from motord.config.base import Section as Section
 from motord.config.bench import Config as Config
 from motord.config.channels import ChannelConfig as ChannelConfig
 from motord.config.devices import BridgeCanConfig as BridgeCanConfig
+from motord.config.devices import BridgeConfig as BridgeConfig
 from motord.config.devices import CanBusConfig as CanBusConfig
 from motord.config.devices import CanConfig as CanConfig
 from motord.config.devices import InverterConfig as InverterConfig

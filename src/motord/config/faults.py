@@ -13,11 +13,10 @@ from pydantic import AfterValidator, Field, model_validator
 
 from motord.config.base import ConfigError, Finite, NonNegative, Section
 from motord.config.reading import read_toml, validate
+from motord.config.timing import LATE_MAX_S
 
 EVERYWHERE = frozenset({"virtual", "sim", "emulate"})
 WIRES = frozenset({"virtual", "emulate"})
-LATE_MAX_S = 1
-"""By which a frame may be late."""
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,8 @@ SLOW_FEEDBACK_MAX_S = 0.5
 """No message of the drive's feedback may stay away for longer, however seldom it is sent."""
 OVERRUN_TICKS_MAX = round(SILENCE_MAX_S * RATE_MAX_HZ)
 """Missed periods that are no longer than that at the highest rate."""
+LATE_MAX_S = 1
+"""By which a frame of a simulated bench may be late."""
 RAMP_DOWN_MAX_S = 1.0
 """From [limits] torque_Nm to zero, however gentle torque_rate_Nm_per_s is."""
 DELAY_MAX_S = 0.02

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from motord.config import Config, ConfigError
-from motord.config.faults import LATE_MAX_S, Fault, Timeline, load_timeline
+from motord.config.faults import Fault, Timeline, load_timeline
+from motord.config.timing import LATE_MAX_S
 from motord.control import parameters as control_parameters
 from motord.control.park import dq_frame_record
 from motord.control.step import new_memory, step

@@ -8,8 +8,8 @@ import pytest
 from pydantic import ValidationError
 
 from motord.config import Config, ConfigError, load
-from motord.config.faults import KINDS, LATE_MAX_S, Fault, Timeline, load_timeline
-from motord.config.timing import RATE_MAX_HZ
+from motord.config.faults import KINDS, Fault, Timeline, load_timeline
+from motord.config.timing import LATE_MAX_S, RATE_MAX_HZ
 from motord.control.types import COMMAND, SETPOINT
 from motord.rig.types import RIG_INPUT
 from motord.schema import FAULT_COUNT_SHIFT, Flag, Request, State, Trip
