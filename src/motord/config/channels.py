@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 from motord.config.base import Finite, Section, matching
 from motord.config.bounds import SettingBound, is_below, rounded_up
 from motord.config.channel_sources import CanSource, ChannelSource, ModbusSource, SerialSource
+from motord.config.devices import CanBusConfig
 from motord.config.devices.slow_devices import register_counts
 from motord.config.timing import (
     CHANNEL_RATE_MAX_HZ,
@@ -199,6 +200,8 @@ def _set_up(channel: ChannelConfig) -> object:
             return (source.timeout_s, source.baud, source.parity, source.stop_bits)
         case SerialSource() as source:
             return (source.baud, bool(source.request))
+        case CanSource(bus=CanBusConfig(interface="socketcan", fd=fd)):
+            return fd  # `ip link` sets the bit rates
         case CanSource() as source:
             return source.bus
     return None

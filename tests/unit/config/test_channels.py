@@ -110,6 +110,15 @@ def test_channels_that_do_not_go_together(channels: list[dict[str, Any]], messag
         bench(*channels)
 
 
+def test_bit_rates_of_a_bus_of_the_kernel_need_not_agree_as_none_is_set() -> None:
+    buses = {"interface": "socketcan", "channel": "can1"}, {"channel": "can1", "bitrate": 500000}
+    ours = [
+        channel(name=name, source={**CAN, "bus": bus})
+        for name, bus in zip("ab", buses, strict=True)
+    ]
+    assert len(bench(*ours).channels) == 2
+
+
 def test_ports_and_rigs_that_the_bench_has_itself() -> None:
     text = (Path(__file__).parents[3] / "config" / "emulated.toml").read_text()
     for source, message in (
