@@ -92,7 +92,7 @@ class SetpointChange(WithToken):
         if not given:
             raise ValueError("nothing to set: torque_Nm, speed_Hz, brake, drive_Hz, compensate")
         if self.speed_Hz is not None and self.brake is not None:
-            raise ValueError("speed_Hz is held by the brake, which brake sets: give one of them")
+            raise ValueError("speed_Hz controls the brake and brake sets it: give one of them")
         return self
 
 
