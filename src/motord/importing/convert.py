@@ -41,6 +41,11 @@ TORQUE_RATIO = 10.0
 
 UNEVEN = "the rows are not evenly spaced: no missing ones are counted"
 
+BACKWARDS = (
+    "encoder_direction = -1 of the motor file is not applied: encoder_count has to rise forwards; "
+    "turn one that falls by scale = -1"
+)
+
 
 @dataclass(frozen=True)
 class Imported:
@@ -144,6 +149,11 @@ class _Job:
     survey: Survey
     anchor_ns: int
 
+    @property
+    def _counts_backwards(self) -> bool:
+        counts = self.column_map.position_field == "encoder_count"
+        return counts and self.motor_file.motor.encoder_direction < 0
+
     def write(
         self, writer: RunWriter, strict: bool, notes: list[str], progress: Progress
     ) -> Imported:
@@ -172,6 +182,7 @@ class _Job:
         seen, given = self.survey, {*self.column_map.fields, *self.column_map.constants}
         remarked = [
             *([] if seen.regular else [UNEVEN]),
+            *([BACKWARDS] if self._counts_backwards else []),
             *hints(problems, seen.rows, self.column_map.position_field),
             *_on_torque(given, points, maker.torque_largest_Nm, motor.rated_torque_Nm),
             *remarks(builder.of_currents, motor.rated_torque_Nm),

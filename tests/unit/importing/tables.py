@@ -31,9 +31,11 @@ torque_Nm = {column = "Iq", scale = 0.02}
 START_NS = 1_178_020_800_000_000_000
 
 
-def write_motor(folder: Path, slots: int = 48, pole_pairs: int = 8, counts: int = 4096) -> Path:
+def write_motor(
+    folder: Path, slots: int = 48, pole_pairs: int = 8, counts: int = 4096, more: str = ""
+) -> Path:
     path = folder / "motor.toml"
-    path.write_text(MOTOR.format(slots=slots, pole_pairs=pole_pairs, counts=counts))
+    path.write_text(MOTOR.format(slots=slots, pole_pairs=pole_pairs, counts=counts) + more)
     return path
 
 

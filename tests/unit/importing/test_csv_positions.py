@@ -45,6 +45,27 @@ def test_counts_of_an_incremental_encoder(tmp_path: Path) -> None:
     assert ticks["speed_rad_s"][50:] == pytest.approx(-2 * np.pi, rel=0.05)
 
 
+@pytest.mark.parametrize("turn", [1, -1])
+def test_counts_rise_forwards_in_the_recording_or_it_is_said(tmp_path: Path, turn: int) -> None:
+    """As a loop turns them round that reads the encoder; those of its recording are right."""
+    write_motor(tmp_path, counts=2001, more="encoder_direction = -1\n")
+    columns = turning()
+    forwards = np.rint(columns.pop("Position[rad]") / (2 * np.pi) * 2001) % 2001
+    columns["n"] = (turn * forwards) % 2001
+    column = f'{{column = "n", scale = {turn}}}'
+    text = MAP.replace('angle_rad = "Position[rad]"', f"encoder_count = {column}")
+    done, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), text)
+    np.testing.assert_array_equal(run.ticks()["encoder_count"], forwards)
+    assert any(note.startswith("encoder_direction = -1 of the motor") for note in done.notes)
+
+
+def test_angles_are_those_of_the_rotor_whichever_way_the_encoder_counts(tmp_path: Path) -> None:
+    write_motor(tmp_path, more="encoder_direction = -1\n")
+    done, run = imported(tmp_path, write_csv(tmp_path / "a.csv", turning()))
+    assert not any("encoder_direction" in note for note in done.notes)
+    assert run.operating_points()[0]["turns"] > 0
+
+
 @pytest.mark.parametrize("of_a_turn", [360.0, 1.0])
 def test_positions_of_another_range_are_refused_of_a_rotor_that_turns_both_ways(
     tmp_path: Path, of_a_turn: float
