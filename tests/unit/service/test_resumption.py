@@ -1,6 +1,8 @@
 """Plans that go on after the daemon has died, on the virtual bench."""
 
+import errno
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -278,6 +280,23 @@ def test_what_was_found_in_the_requests_thread_is_used(days):
     token = service.acquire()
     service.ask("plan/resume", token=token)
     assert service.plans.read_remaining(b'{"token": "t"}')[1] is None
+
+
+def test_a_disk_that_stays_full_is_reported_with_each_plan(days, monkeypatch):
+    def full(path, line, offset):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("motord.service.plans.journal_file._write", full)
+    service = days.daemon()
+    token = service.acquire()
+    for plans in (1, 2):
+        start(service, token)
+        service.resumption.journal.settle()
+        service.run_s(0.1, token)
+        service.ask("plan/abort", token=token)
+        run_to_end(service, token)
+        reports = [event for event in service.bench.events.recent() if event.kind == "journal"]
+        assert len(reports) == plans
 
 
 @pytest.mark.parametrize("another", [False, True])

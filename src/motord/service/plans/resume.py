@@ -99,7 +99,7 @@ class Resumption:
         """
         path = self.recording.plan_started(plan, view, notes)
         self._resumable, self._recorded_in_full = resumable, True
-        self._under_way = True
+        self._under_way, self._journal_error = True, ""
         if not resumable:
             self.journal.forget()
             return path
