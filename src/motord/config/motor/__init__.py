@@ -27,7 +27,8 @@ class MotorConfig(Section):
     """`[motor]`: the motor as the controller takes it to be.
 
     The plan `align` finds encoder_offset_rad, encoder_direction and phase_order. A measured
-    back-EMF table holds over the counts as they come: neither offset nor phase order is applied.
+    back-EMF table holds over the counts as they are recorded, rising forwards: neither offset nor
+    phase order is applied, and with another encoder_direction it has to be measured again.
     """
 
     name: str
