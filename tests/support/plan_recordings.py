@@ -83,7 +83,7 @@ PLANS = {
     "back-emf": SmallPlan("back-emf", {"speeds_Hz": [0.6, 0.9], "turns": 4, "settle_s": 0.3}),
     "torque-speed": SmallPlan(
         "torque-speed",
-        {"torques_Nm": [2.0, 3.0], "speeds_Hz": [3.0, 6.0], "turns": 22, "settle_s": 0.3},
+        {"torques_Nm": [2.0, 3.0], "speeds_Hz": [-3.0, 6.0], "turns": 22, "settle_s": 0.3},
         bench=EFFICIENCY,
     ),
     "thermal": SmallPlan(
