@@ -76,6 +76,7 @@ class Api:
             raise ApiError(f"[zenoh] {error}") from None
         except zenoh.ZError as error:
             reason = str(error).split(" at /")[0].strip().rstrip("!.")  # not where in its source
+            reason = reason.split(": [", 1)[-1]  # the cause alone, which names the address
             raise ApiError(
                 f"[zenoh] listen = {', '.join(listen)}: cannot listen there "
                 f"({reason}); is another daemon running? Each bench needs a port of its own"
