@@ -234,6 +234,9 @@ test("numbers, times and ages as an instrument shows them", () => {
   assert.equal(format.plusMinus(-12.3, 1.0), "\u221212.3 \u00b1 1.0");
   assert.equal(format.plusMinus(1234.5, 123), "1235 \u00b1 123");
   assert.equal(format.plusMinus(1.5, 0), "1.500");
+  assert.equal(format.commonDigits([0.24, 0.19, null], 1), 1);
+  assert.equal(format.commonDigits([0.00003, 0.00025], 1), 5);
+  assert.equal(format.commonDigits([null], 3), 3);
   assert.equal(format.significant(0.01234), "0.0123");
   assert.equal(format.significant(1234), "1234");
   assert.equal(format.duration(59.4), "59 s");

@@ -4,6 +4,7 @@ from contextlib import nullcontext
 from itertools import count
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from motord.api.messages import RecordingView
@@ -78,3 +79,14 @@ def test_a_watch_that_was_stopped_itself_takes_no_bench_for_silent():
     assert len(shown) == 1
     with pytest.raises(ClientError, match="silent"):
         command._each_state(coming([None, None]), 0.0, shown.append)
+
+
+@pytest.mark.parametrize(
+    ("target_Nm", "ticks_Nm", "there"),
+    [(4999.3, float(np.float32(4999.3)), True), (1e-6, 5e-7, False), (0.0, 0.0, True)],
+)
+def test_reached_is_the_torque_of_a_tick_in_single_precision(target_Nm, ticks_Nm, there):
+    state = state_of("a", state="ENABLED")
+    state.__dict__["tick"] = SimpleNamespace(torque_set_Nm=ticks_Nm)
+    state.__dict__["setpoint"] = SimpleNamespace(torque_Nm=target_Nm, target_Nm=target_Nm)
+    assert operate._is_there(state, target_Nm) is there

@@ -2,6 +2,7 @@
 
 import time
 from contextlib import suppress
+from math import isclose
 from operator import attrgetter, methodcaller
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -32,6 +33,9 @@ LATE_S = 1.0
 """So much longer than expected the ramp is waited for."""
 
 LOOK_S = 0.5
+
+SINGLE = 2.0**-22
+"""Part of itself by which a torque in single precision, as ticks have it, may be off."""
 
 
 def enable(
@@ -180,7 +184,7 @@ def _is_there(state: "BenchState", target_Nm: float) -> bool:
     return (
         state.tick is not None
         and state.setpoint.target_Nm == target_Nm == state.setpoint.torque_Nm
-        and abs((state.tick.torque_set_Nm or 0.0) - target_Nm) < 1e-6
+        and isclose(state.tick.torque_set_Nm or 0.0, target_Nm, rel_tol=SINGLE)
     )
 
 

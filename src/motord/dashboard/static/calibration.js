@@ -1,7 +1,7 @@
 /** The calibration in force and earlier ones: gains and offsets with intervals, cogging torque, what it brought. */
 
 import { byId, element, setText } from "./dom.js";
-import { number, plusMinus, significant } from "./format.js";
+import { commonDigits, number, plusMinus, significant } from "./format.js";
 import { intervalPlot, turnCurve } from "./intervals.js";
 
 const PHASES = ["a", "b", "c"];
@@ -119,7 +119,8 @@ function content(found) {
 function orders(harmonics, halfWidths_Nm) {
   const largest = harmonics.map((one, i) => ({ ...one, half_Nm: halfWidths_Nm[i] })).sort((a, b) => Math.abs(b.amplitude_Nm) - Math.abs(a.amplitude_Nm)).slice(0, ORDERS_SHOWN);
   const head = element("tr", {}, ...["order", "amplitude, mNm", "\u00b1 95 %"].map((text) => element("th", { scope: "col" }, text)));
+  const digits = commonDigits(largest.map((one) => one.half_Nm && 1000 * one.half_Nm), 1);
   const rows = largest.map((one) => element("tr", {}, element("td", {}, String(one.order)),
-    element("td", {}, number(1000 * Math.abs(one.amplitude_Nm), 1)), element("td", {}, one.half_Nm === null ? "?" : number(1000 * one.half_Nm, 1))));
+    element("td", {}, number(1000 * Math.abs(one.amplitude_Nm), digits)), element("td", {}, one.half_Nm === null ? "?" : number(1000 * one.half_Nm, digits))));
   return element("table", { class: "figures" }, element("thead", {}, head), element("tbody", {}, ...rows));
 }

@@ -35,10 +35,19 @@ export function quantityText(quantity, value, limit) {
   return `${what}: ${value} ${unit}, limit ${limit} ${unit.split(" ")[0]}`;
 }
 
+/** Decimals that show half of an interval with two digits. @param {number} half above 0 */
+export const halfDigits = (half) => Math.min(Math.max(1 - Math.floor(Math.log10(half) + 1e-9), 0), 12);
+
+/** Decimals for some estimates: `least`, and one digit of the smallest half of their intervals. @param {(number | null)[]} halves @param {number} least */
+export function commonDigits(halves, least) {
+  const known = halves.filter((half) => half !== null && half > 0).map(Number);
+  return known.length ? Math.max(least, halfDigits(Math.min(...known)) - 1) : least;
+}
+
 /** Value and half of its interval, with two digits of the latter. @param {number} value @param {number} half */
 export function plusMinus(value, half) {
   if (!Number.isFinite(half) || half <= 0) return significant(value, 4);
-  const digits = Math.min(Math.max(1 - Math.floor(Math.log10(half) + 1e-9), 0), 12);
+  const digits = halfDigits(half);
   return `${number(value, digits)} \u00b1 ${number(half, digits)}`;
 }
 

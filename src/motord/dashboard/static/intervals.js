@@ -1,7 +1,7 @@
 /** Estimates with their 95 % intervals as a small plot, and a curve; drawn as SVG. */
 
 import { svg } from "./dom.js";
-import { number, significant } from "./format.js";
+import { commonDigits, number, significant } from "./format.js";
 
 const WIDTH = 330;
 const ROW = 22;
@@ -10,10 +10,11 @@ const ROW = 22;
  * A row for each estimate: name, interval, value.
  * @param {{name: string, value: number, low: number, high: number}[]} estimates with their intervals
  * @param {number} nominal drawn as a line
- * @param {number} digits
+ * @param {number} least decimals
  * @param {string} unit
  */
-export function intervalPlot(estimates, nominal, digits, unit) {
+export function intervalPlot(estimates, nominal, least, unit) {
+  const digits = commonDigits(estimates.map(({ low, high }) => (high - low) / 2), least);
   const reach = Math.max(1e-9, ...estimates.flatMap(({ low, high }) => [Math.abs(low - nominal), Math.abs(high - nominal)]));
   const [from, to] = [34, WIDTH - 122];
   const x = (/** @type {number} */ value) => (from + to) / 2 + ((value - nominal) / reach) * (to - from) * 0.46;

@@ -154,7 +154,7 @@ def sparkline_width(width: int) -> int:
 
 def decimals(scale: float) -> int:
     """Return decimals for values of up to `scale`: about four digits."""
-    return min(max(3 - math.floor(math.log10(scale)), 0), 4) if scale > 0 else 3
+    return min(max(3 - math.floor(math.log10(scale)), 0), 6) if scale > 0 else 3
 
 
 def _edges(low: np.ndarray, high: np.ndarray, rows: int, digits: int) -> list[str]:
@@ -173,8 +173,9 @@ def _values(state: BenchState | None, signal: int, digits: int) -> list[tuple[st
         return [(SIGNALS[signal].label, "-")]
     tick, wanted = state.tick, state.setpoint
     if signal == 0:
+        two = min(max(digits - 1, 2), 4)  # decimals of two torques side by side
         name = "torque" if state.torque_sensor.passes_mean else "torque (AC)"
-        ramp = f"{fixed(tick.torque_set_Nm, 2)} of {wanted.target_Nm:.2f}"
+        ramp = f"{fixed(tick.torque_set_Nm, two)} of {fixed(wanted.target_Nm, two)}"
         return [(name, fixed(tick.torque_Nm, digits, "Nm")), ("  set-point", ramp)]
     if signal == 1:
         held = "not held" if wanted.speed_Hz is None else fixed(wanted.speed_Hz, digits)
