@@ -167,10 +167,20 @@ def beyond_chance(p_values: Sequence[float | None], false_alarms: float) -> list
 
 def two_digits(value: float) -> str:
     """Return a value with two digits: "0.034", "2.0", "160" rather than "1.6e+02"."""
-    rounded = float(f"{value:.2g}")
+    return significant(value, 2)
+
+
+def significant(value: float, digits: int) -> str:
+    """Return a value with so many digits, of any size: with three "0.00123", "2.00", "5120"."""
+    rounded = float(f"{value:.{digits}g}")
     if not 1e-4 <= abs(rounded) < 1e6:
-        return f"{rounded:.1e}" if rounded else "0"
-    return f"{rounded:.{max(decimals_of(abs(rounded)), 0)}f}"
+        return f"{rounded:.{digits - 1}e}" if rounded else "0"
+    return f"{rounded:.{max(decimals_of(abs(rounded)) + digits - 2, 0)}f}"
+
+
+def file_decimals(largest: float) -> int:
+    """Return the decimals of a table in a file: nine, and nine digits of values below 0.1."""
+    return max(9, 8 - floor(log10(largest))) if largest > 0 else 9
 
 
 def decimals_of(half_width: float) -> int:

@@ -9,9 +9,11 @@ from motord.intervals import (
     coverage_factor,
     f_quantile,
     f_tail,
+    file_decimals,
     freedom_of,
     half_width_of_largest,
     plus_minus,
+    significant,
     standard_uncertainty,
     t_quantile,
     two_digits,
@@ -78,6 +80,27 @@ def test_figures_have_the_digits_that_mean_something(
 )  # fmt: skip
 def test_two_digits_have_no_exponent_where_it_is_readable_without(value, text):
     assert two_digits(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"),
+        (3.14e-5, "3.14e-05"),
+        (-0.0012345, "-0.00123"),
+        (2.0, "2.00"),
+        (5123.4, "5120"),
+    ],
+)
+def test_significant_digits_are_as_many_at_any_size(value: float, text: str) -> None:
+    assert significant(value, 3) == text
+
+
+@pytest.mark.parametrize(
+    ("largest", "decimals"), [(0.0, 9), (5e3, 9), (0.2, 9), (0.1, 9), (0.05, 10), (4e-5, 13)]
+)
+def test_tables_in_files_have_nine_digits_at_least(largest: float, decimals: int) -> None:
+    assert file_decimals(largest) == decimals
 
 
 def test_a_known_covariance_has_all_freedom() -> None:

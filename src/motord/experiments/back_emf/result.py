@@ -13,7 +13,7 @@ from motord.experiments.magnet_temperature import ReferredBackEmf
 from motord.findings import Finding
 from motord.identification.harmonics import synthesis
 from motord.identification.rotor.left_out import LeftOut
-from motord.intervals import coverage_factor, plus_minus
+from motord.intervals import coverage_factor, file_decimals, plus_minus
 
 
 @dataclass(frozen=True)
@@ -143,8 +143,9 @@ class MeasuredBackEmf:
 
     @property
     def rounded_table(self) -> np.ndarray:
-        """`table()` to a nanovolt second per radian, for files."""
-        return self.table().round(9)
+        """`table()` as it stands in files."""
+        table = self.table()
+        return table.round(file_decimals(float(np.abs(table).max())))
 
     @property
     def electrical(self) -> np.ndarray:

@@ -11,6 +11,7 @@ from motord.experiments.driven_rotor import left_out_finding
 from motord.experiments.signal_findings import beyond_rated
 from motord.findings import Finding
 from motord.identification.rotor.driven_rotor import JERKY
+from motord.intervals import two_digits
 
 STICKS = 5.0
 """Part of that limit from which on it is no swing that dies out, but the rotor sticks and slips."""
@@ -68,7 +69,7 @@ def _encoder(found: MeasuredCogging) -> Iterator[Finding]:
     for one in found.encoder:
         parts = one.lost(order)
         largest = np.argsort(-parts * size_Nm)[:3]
-        texts = [f"{order[n]} by {1e3 * parts[n] * size_Nm[n]:.2g} mNm" for n in largest]
+        texts = [f"{order[n]} by {two_digits(1e3 * parts[n] * size_Nm[n])} mNm" for n in largest]
         yield Finding(
             f"encoder-error-order-{one.order}", float(np.degrees(one.error_rad)),
             float(np.degrees(one.limit_rad)), "deg", "serious" if one.serious else "note",

@@ -11,7 +11,7 @@ from motord.experiments.cogging.at_speed import SpeedCogging
 from motord.experiments.cogging.result import Comparison, MeanHarmonic, MeasuredCogging, SpeedResult
 from motord.experiments.driven_rotor import left_out_lines
 from motord.experiments.subject import Recordings
-from motord.intervals import plus_minus
+from motord.intervals import plus_minus, significant, two_digits
 from motord.report.html import Page
 from motord.report.style import AFTER, BEFORE, GRID, REFERENCE, figure, steps
 
@@ -133,11 +133,11 @@ def _directions(page: Page, measured: MeasuredCogging) -> None:
         [
             [
                 str(one.order),
-                f"{1e3 * one.forward_Nm:.3f}",
-                f"{1e3 * one.backward_Nm:.3f}",
+                significant(1e3 * one.forward_Nm, 4),
+                significant(1e3 * one.backward_Nm, 4),
                 f"{one.phase_rad:+.4f}",
-                f"{1e3 * one.difference_Nm:.3f}",
-                f"{'beyond ' if one.significant else 'up to '}{1e3 * one.limit_Nm:.3f}",
+                two_digits(1e3 * one.difference_Nm),
+                f"{'beyond ' if one.significant else 'up to '}{two_digits(1e3 * one.limit_Nm)}",
             ]
             for one in measured.directions
         ],

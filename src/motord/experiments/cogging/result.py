@@ -14,7 +14,7 @@ from motord.identification.harmonics import synthesis
 from motord.identification.orders import periods_per_slot_pitch
 from motord.identification.rotor.left_out import LeftOut
 from motord.identification.speed_differences import SpeedDifferences
-from motord.intervals import coverage_factor, plus_minus
+from motord.intervals import coverage_factor, file_decimals, plus_minus
 
 
 @dataclass(frozen=True)
@@ -178,8 +178,9 @@ class MeasuredCogging:
 
     @property
     def rounded_tau_cog_Nm(self) -> np.ndarray:
-        """`tau_cog_Nm` to a nanonewton metre, for files."""
-        return self.tau_cog_Nm.round(9)
+        """`tau_cog_Nm` as it stands in files."""
+        table_Nm = self.tau_cog_Nm
+        return table_Nm.round(file_decimals(float(np.abs(table_Nm).max())))
 
     @property
     def periods_per_slot_pitch(self) -> int:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, floor, log10
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,8 +12,8 @@ from motord.report.style import AFTER, BEFORE, SOFT, figure
 
 COLOURS = {"before": BEFORE, "after": AFTER}
 
-FLOOR_Nm = 1e-5
-"""Lower end of the spectrum."""
+FLOOR_DECADES = 4
+"""Whole decades that the spectrum shows below the one of the largest amplitude."""
 MOST_NUMBERS = 16
 """So many orders of three digits have room below the spectrum."""
 
@@ -54,24 +54,32 @@ def over_angle_and_order(
 
 def _spectrum(axes: Axes, ripples: dict[str, TorqueCurve], marked_orders: Sequence[int]) -> None:
     highest = _highest(list(ripples.values()), marked_orders)
+    floor_Nm = _floor_Nm(list(ripples.values()))
     for name, ripple in ripples.items():
         shown = ripple.order <= highest
         offset = 0.0 if len(ripples) == 1 else (-0.3 if name == "before" else 0.3)
-        size = np.maximum(ripple.amplitude_Nm[shown], FLOOR_Nm)
-        axes.vlines(ripple.order[shown] + offset, FLOOR_Nm, size, color=COLOURS[name], lw=1.6)
+        size = np.maximum(ripple.amplitude_Nm[shown], floor_Nm)
+        axes.vlines(ripple.order[shown] + offset, floor_Nm, size, color=COLOURS[name], lw=1.6)
         if ripple.noise_Nm is not None and name == list(ripples)[-1]:
             axes.plot(
                 ripple.order[shown], ripple.noise_Nm[shown], color=SOFT, lw=1.2, ls=(0, (4, 3)),
                 label="noise",
             )  # fmt: skip
             axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
-    axes.set(yscale="log", xlim=(0, highest + 1), ylim=(FLOOR_Nm, None))
+    axes.set(yscale="log", xlim=(0, highest + 1), ylim=(floor_Nm, None))
     marked = [order for order in marked_orders if order <= highest]
     every = ceil(len(marked) / MOST_NUMBERS) or 1
     axes.set_xticks(marked[every - 1 :: every])
     axes.grid(visible=False, axis="x")
     axes.set(xlabel="order (per turn)", ylabel="amplitude (Nm)")
     axes.set_title("Spectrum over the orders of a turn")
+
+
+def _floor_Nm(ripples: list[TorqueCurve]) -> float:
+    """Return the lower end of the spectrum."""
+    largest_Nm = max(float(ripple.amplitude_Nm.max()) for ripple in ripples)
+    decade = floor(log10(largest_Nm)) if largest_Nm > 0 else 0
+    return float(10.0 ** (decade - FLOOR_DECADES))
 
 
 def _highest(ripples: list[TorqueCurve], marked_orders: Sequence[int]) -> int:

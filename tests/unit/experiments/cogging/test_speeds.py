@@ -120,3 +120,15 @@ def test_a_cogging_torque_beyond_the_rated_torque_is_in_another_unit() -> None:
     for points, seen in ((recorded(1), False), (in_mNm, True)):
         names = {f.name for f in measure(points, config.motor, config.torque_sensor).findings}
         assert ("torque-scale" in names) == seen
+
+
+def test_the_table_keeps_its_digits_of_a_motor_of_a_millinewton_metre() -> None:
+    config = bench_of(REPORT)[0]
+    points = []
+    for one in recorded(1):
+        ticks = one.ticks.copy()
+        ticks["torque_Nm"] *= 2.0**-13
+        points.append(replace(one, ticks=ticks))
+    small = measure(points, config.motor, config.torque_sensor)
+    apart_Nm = np.abs(small.rounded_tau_cog_Nm - small.tau_cog_Nm).max()
+    assert apart_Nm < 1e-8 * np.abs(small.tau_cog_Nm).max()
