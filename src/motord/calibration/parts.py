@@ -8,7 +8,13 @@ import numpy as np
 from pydantic import BaseModel, Field, SerializerFunctionWrapHandler, model_serializer
 
 from motord.config import Finite, MotorConfig, NonNegative, Positive
-from motord.intervals import coverage_factor, half_width_of_largest, plus_minus
+from motord.intervals import (
+    coverage_factor,
+    half_width_of_largest,
+    plus_minus,
+    significant,
+    two_digits,
+)
 
 TorqueSpeed = tuple[float, float]
 """(torque_Nm, speed_Hz) of an operating point, by which errors over a mesh are listed and shown."""
@@ -76,7 +82,7 @@ class Harmonic(Part):
         """Return the amplitude (mNm) with half of its interval."""
         amplitude_mNm = 1e3 * abs(self.amplitude_Nm)
         if self.half_width_Nm is None:
-            return f"{amplitude_mNm:.2f} (error not known from one trial)"
+            return f"{significant(amplitude_mNm, 3)} (error not known from one trial)"
         return plus_minus(amplitude_mNm, 1e3 * self.half_width_Nm)
 
     @property
@@ -196,7 +202,7 @@ class CramerRao(Part):
     def noise_text(self) -> str:
         """What the bound is of."""
         white, encoder, currents = (
-            f"{1e3 * each:.2g} mNm"
+            f"{two_digits(1e3 * each)} mNm"
             for each in (self.white_noise_Nm, self.encoder_noise_Nm, self.current_noise_Nm)
         )
         return (

@@ -90,7 +90,7 @@ def _fault_line(fault: dict[str, object]) -> str:
 
 def _summary_line(summary: dict[str, object]) -> str:
     mean_Nm = summary["torque_mean_Nm"]
-    torque = f"{mean_Nm:.4f} Nm" if isinstance(mean_Nm, float) else "never switched on"
+    torque = f"{mean_Nm:.4g} Nm" if isinstance(mean_Nm, float) else "never switched on"
     return (
         f"ended: {summary['ticks']} ticks, true mean torque {torque}, "
         f"{summary['command_timeouts']} command timeouts, "

@@ -161,7 +161,7 @@ class PointBuilder:
         """Return the torque that the point is called by, and where it is from."""
         set_Nm, measured = self._sums.mean("torque_set_Nm"), self._sums.mean("torque_Nm")
         if set_Nm is not None:
-            return round(set_Nm, 6), "set-point"
+            return float(f"{set_Nm:.7g}"), "set-point"
         if measured is not None and self._torque_passes:
             return round(measured, self._digits), "mean of the measured torque"
         return 0.0, "not known"

@@ -119,7 +119,7 @@ def test_an_order_beyond_nyquist_is_left_out_and_named() -> None:
     spectrum = np.abs(np.fft.rfft(made.columns[0].table.values)) / 32
     assert spectrum[16] == pytest.approx(0.09, rel=0.25)
     assert np.delete(spectrum, 16).max() < 1e-6
-    assert "order 48 (3e+02 mNm), 96" in "\n".join(made.lines())
+    assert "order 48 (300 mNm), 96" in "\n".join(made.lines())
     assert not exported(calibration(), FORMATS["csv"], DriveFrame(), CONSTANT).left_out
 
 

@@ -12,6 +12,7 @@ from math import tau
 
 from motord.calibration.export.exported import DriveFormat, Exported, StoredQuantity
 from motord.calibration.export.layouts import HarmonicLayout, StoredTerms, TableLayout, Term
+from motord.intervals import two_digits
 
 _ROW = 12
 """Values in a line of C."""
@@ -150,7 +151,7 @@ def _beckhoff_text(exported: Exported) -> str:
     for i in range(COEFFICIENTS):
         term = stored.terms[i] if i < len(stored.terms) else Term()
         if half_Nm := errors_Nm.get(term.order):
-            lines.append(f"# order {term.order}: known to {1e3 * half_Nm:.2g} mNm (95 %)")
+            lines.append(f"# order {term.order}: known to {two_digits(1e3 * half_Nm)} mNm (95 %)")
         values = ("n", "UINT32", f"{term.order}"), (
             "phi", "REAL32", f"{term.phase_deg:.9g}"), (
             "r", "REAL32", f"{term.amplitude:.9g}")  # fmt: skip

@@ -11,6 +11,7 @@ from motord.calibration.export.drive_frame import DriveFrame, TorqueConstant
 from motord.calibration.export.layouts import DriveLayout, Stored, StoredTable, TableLayout
 from motord.calibration.export.residual import ResidualRipple, not_taken, residual_Nm
 from motord.calibration.file import Calibration, CalibrationError
+from motord.intervals import two_digits
 
 Quantity = Literal["torque", "current"]
 UNITS: dict[Quantity, str] = {"torque": "Nm", "current": "A"}
@@ -111,7 +112,7 @@ class Exported:
         ]
         lines += [f"left of it by {one.quantity}: {one.left.to_text()}" for one in self.columns]
         if self.left_out:
-            orders = ", ".join(f"{n} ({1e3 * size:.2g} mNm)" for n, size in self.left_out)
+            orders = ", ".join(f"{n} ({two_digits(1e3 * size)} mNm)" for n, size in self.left_out)
             lines.append(f"not stored, beyond what the table can have: order {orders}")
         lines += [f"not compensated: {text}" for text in self.not_taken]
         return ["".join(x if x.isprintable() else " " for x in line).rstrip() for line in lines]

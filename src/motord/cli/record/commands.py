@@ -182,7 +182,7 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
             yield f"{name + ':':18}{value}"
     for p in points:
         yield (
-            f"  {p['index']:>3}  {p['torque_Nm']:6.2f} Nm {p['speed_Hz']:6.3f} Hz  "
+            f"  {p['index']:>3}  {p['torque_Nm']:8.5g} Nm {p['speed_Hz']:6.3f} Hz  "
             f"{p.get('turns') or 0:5.1f} turns  {p.get('quality', '')}"
         )
 
@@ -247,7 +247,7 @@ def _imported_lines(done: "Imported") -> Iterator[str]:
     )
     for point in done.points:
         yield (
-            f"  {point['index']:>3}  {point['torque_Nm']:6.2f} Nm {point['speed_Hz']:6.3f} Hz  "
+            f"  {point['index']:>3}  {point['torque_Nm']:8.5g} Nm {point['speed_Hz']:6.3f} Hz  "
             f"{point['turns']:6.1f} turns  {point['quality']}"
         )
     yield from (f"- {text}" for text in done.notes)

@@ -15,7 +15,7 @@ from motord.experiments.calibration.estimate.result import WITHOUT_LINES, Estima
 from motord.experiments.ripple import report as ripple
 from motord.experiments.subject import Recordings
 from motord.identification.operating_points import good_points
-from motord.intervals import plus_minus, two_digits
+from motord.intervals import plus_minus, significant, two_digits
 from motord.report.html import Page
 from motord.report.plots.gains import Gains, gains
 from motord.report.style import AFTER, INK, OTHER, REFERENCE, figure
@@ -190,7 +190,7 @@ def _amplitude(item: Estimate, order: int) -> str:
     if harmonic is None:
         return ""
     if item.alpha_stderr is None:
-        return f"{1e3 * abs(harmonic.amplitude_Nm):.2f}"
+        return significant(1e3 * abs(harmonic.amplitude_Nm), 3)
     return harmonic.in_mNm()
 
 

@@ -56,7 +56,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
         raise PlanError(f"{NAME}: it tests the calibration, so compensate is always {APPLIED}")
     check = chosen(config, NAME, CheckCalibrationConfig, given, "compensate")
     most_Nm = min(config.motor.rated_torque_Nm, config.limits.torque_Nm)
-    torque_Nm = check.torque_Nm or round(TORQUE_SHARE * most_Nm, 6)
+    torque_Nm = check.torque_Nm or float(f"{TORQUE_SHARE * most_Nm:.6g}")
     check_operating_points(config, (torque_Nm,), (check.speed_Hz,))
     if check.speed_Hz > fastest_Hz(config):
         raise PlanError(

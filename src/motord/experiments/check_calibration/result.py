@@ -142,7 +142,7 @@ class CalibrationCheck:
         """The verdict as text."""
         if self.verdict == "drifted":
             what = "; ".join(
-                f"{one.meaning} by {one.value:+.3g} {one.unit} (limit {one.limit:.2g})"
+                f"{one.meaning} by {one.value:+.3g} {one.unit} (limit {two_digits(one.limit)})"
                 for one in self.drifted
             )
             return f"drifted: calibration {self.calibration} no longer holds: {what}"
@@ -165,7 +165,7 @@ class CalibrationCheck:
             found = [c for c in self.changes if c.name.startswith(kind) and c.ripple_percent > 0]
             if found:
                 worst = max(found, key=lambda one: one.detectable)
-                parts.append(f"of {what} by {worst.detectable:.2g} {worst.unit}")
+                parts.append(f"of {what} by {two_digits(worst.detectable)} {worst.unit}")
         return f"a change {', '.join(parts)} is found in 95 % of such checks"
 
     def rows(self) -> list[tuple[str, ...]]:

@@ -7,6 +7,7 @@ from motord.config import MotorConfig
 from motord.experiments.friction.result import DirectionalFriction, Inertia
 from motord.findings import Finding
 from motord.identification.cluster_robust_ls import LEAST_TURNS
+from motord.intervals import significant
 
 RESIDUAL_COUNTS = 2.0
 """RMS of the residual, in that of the encoder's rounding, above which the model is not enough."""
@@ -94,7 +95,7 @@ def _difference(forwards: DirectionalFriction, backwards: DirectionalFriction) -
     if abs(apart_Nm) > limit_Nm:
         yield Finding(
             "directions-differ", abs(apart_Nm), limit_Nm, "Nm", "note",
-            f"Coulomb friction is {1e3 * abs(apart_Nm):.3g} mNm more "
+            f"Coulomb friction is {significant(1e3 * abs(apart_Nm), 3)} mNm more "
             f"{'forwards' if apart_Nm > 0 else 'backwards'}: half of it is a torque that acts in "
             "one direction whatever way the rotor turns, or bearing and seal differ",
             "use the value of each direction; look for a cable or a belt on the shaft",

@@ -92,7 +92,7 @@ def _curve_row(point: CurvePoint) -> list[str]:
 
 def _cogging_rows(found: Friction) -> list[list[str]]:
     by_direction = [
-        {line.order: f"{1e3 * line.amplitude_Nm:.2f}" for line in one.cogging}
+        {line.order: two_digits(1e3 * line.amplitude_Nm) for line in one.cogging}
         for one in found.directions
     ]
     orders = sorted({order for lines in by_direction for order in lines})

@@ -131,7 +131,7 @@ class LearnPass:
                         *(None for _ in point.history_percent[1:]),
                         half_width_percent.get((torque_Nm, speed_Hz)),
                     ][: len(point.history_percent)],
-                    "correction_mNm": round(1e3 * point.amplitude_Nm, 3),
+                    "correction_mNm": 1e3 * point.amplitude_Nm,
                     "gain": point.gain,
                 }
                 for (torque_Nm, speed_Hz), point in self.learned.by_place.items()

@@ -15,6 +15,7 @@ from motord.experiments.ilc.estimate import Learning
 from motord.experiments.ilc.order_list import in_lines
 from motord.experiments.subject import Recordings
 from motord.identification.point_ripple import rms_errors
+from motord.intervals import significant
 from motord.report.text import TextTable, mean_and_worst, with_interval
 
 Gain = Annotated[
@@ -55,7 +56,7 @@ def text(done: LearnPass) -> Iterator[str | TextTable]:
                 f"{torque_Nm:g} Nm",
                 f"{speed_Hz:g} /s",
                 _history(point.history_percent, half_width_percent, (torque_Nm, speed_Hz)),
-                f"{1e3 * point.amplitude_Nm:.1f}",
+                significant(1e3 * point.amplitude_Nm, 3),
                 "settled" if point.gain == 0 else f"gain {point.gain:.2g}",
             )
             for (torque_Nm, speed_Hz), point in done.learned.by_place.items()

@@ -24,7 +24,7 @@ from motord.identification.disturbances.lines_of_points import DetectedLines, wi
 from motord.identification.operating_points import Samples
 from motord.identification.point_ripple import PointRipple, point_ripple
 from motord.identification.torque.torque_sensor import MOUNT_SHARE
-from motord.intervals import f_tail, two_digits
+from motord.intervals import f_tail, significant, two_digits
 from motord.learned import MAX_ORDERS
 
 BAND_SHARE = 0.25
@@ -133,7 +133,7 @@ class Unreached:
 
     def to_text(self) -> str:
         """Return the order and the reason."""
-        return f"{self.order} ({1e3 * self.amplitude_Nm:.1f} mNm: {_WHY[self.why]})"
+        return f"{self.order} ({significant(1e3 * self.amplitude_Nm, 3)} mNm: {_WHY[self.why]})"
 
 
 def in_lines(found: Sequence[Unreached]) -> Iterator[str]:

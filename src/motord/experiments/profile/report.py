@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from motord.experiments.profile.result import Cycle, ProfileTracking
 from motord.experiments.subject import Recordings
+from motord.intervals import significant
 from motord.report.html import Page
 from motord.report.style import AFTER, BEFORE, GRID, INK, SOFT, figure
 
@@ -70,11 +71,11 @@ def cycle_rows(found: ProfileTracking) -> list[list[str]]:
             f"{one.speed.rms:.4f}",
             f"{one.speed.max:.3f}",
             f"{one.speed.within_percent:.1f}",
-            f"{one.torque.rms:.3f}",
-            f"{one.torque.max:.3f}",
+            significant(one.torque.rms, 3),
+            significant(one.torque.max, 3),
             f"{one.torque.within_percent:.1f}",
-            f"{one.energy_J:.1f}",
-            f"{one.energy_wanted_J:.1f}",
+            significant(one.energy_J, 4),
+            significant(one.energy_wanted_J, 4),
         ]
         for one in found.cycles
     ]

@@ -87,7 +87,7 @@ def _again(again: Again) -> TextTable:
                 "abc"[p],
                 f"{again.alpha[p]:.4f}",
                 plus_minus(found.alpha[p], alpha[p]),
-                f"{again.beta_A[p]:.4f}",
+                f"{again.beta_A[p]:.4g}",
                 plus_minus(found.beta_A[p], beta_A[p]),
             )
             for p in range(3)

@@ -187,7 +187,7 @@ def _rows(again: Again) -> Sequence[Sequence[str]]:
     found = np.concatenate([again.found.alpha, again.found.beta_A])
     for n, name in enumerate(names):
         off = found[n] - induced[n]
-        change = f"{100 * off / induced[n]:+.2f} %" if n < 3 else f"{off:+.4f} A"
+        change = f"{100 * off / induced[n]:+.2f} %" if n < 3 else f"{off:+.2g} A"
         row = [name, f"{induced[n]:.4f}", f"{found[n]:.4f}", change, f"{again.cost_percent[n]:.3f}"]
         if _as_poels2008(again):
             row += [f"{POELS2008_FOUND[n]:.4f}", POELS2008_ERRORS[n]]

@@ -202,7 +202,7 @@ def power_point(
     else:
         yield from _stop_drive(own)
         taken = yield from operating_point(point, own, servo)
-    return {**taken, "envelope_Nm": round(most_Nm[place], 5)}
+    return {**taken, "envelope_Nm": float(f"{most_Nm[place]:.6g}")}
 
 
 @restartable

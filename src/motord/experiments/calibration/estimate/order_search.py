@@ -21,7 +21,7 @@ from motord.experiments.calibration.estimate.order_trial import (
 )
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.findings import Finding
-from motord.intervals import f_quantile, t_quantile
+from motord.intervals import f_quantile, t_quantile, two_digits
 
 FIRST_ORDER = 2
 """Lowest order that is tried: mean and slope of each turn, which drift makes, are most of order 1.
@@ -266,9 +266,9 @@ def _imitated(trial: OrderTrial, level: float) -> str:
         )
     most_Nm = float(np.sqrt(chdtri(2, level))) * trial.stderr_Nm
     return (
-        f"cogging order {trial.order}: taken as none; less than {1e3 * most_Nm:.2g} mNm would not "
-        f"be noticed, and moves the currents' offsets by up to "
-        f"{most_Nm * trial.offset_A_per_Nm:.2g} A"
+        f"cogging order {trial.order}: taken as none; less than "
+        f"{two_digits(1e3 * most_Nm)} mNm would not be noticed, and moves "
+        f"the currents' offsets by up to {most_Nm * trial.offset_A_per_Nm:.2g} A"
     )
 
 
