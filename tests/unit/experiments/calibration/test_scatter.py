@@ -171,3 +171,20 @@ def test_covariances_by_poor_instruments_are_covariances(seed: int) -> None:
     variance = equations.by_covariance(spread)
     assert np.isfinite(variance).all()
     assert (variance >= 0).all()
+
+
+def test_the_noise_of_points_goes_with_the_units_of_their_parameters() -> None:
+    """Offsets (A) and harmonics (Nm) of a motor a thousandth in size had intervals of their own."""
+    rng = np.random.default_rng(3)
+    rows = rng.normal(size=(12, 5, 4))  # turns, samples, parameters
+    left, right = np.swapaxes(rows, 1, 2) @ rows, rng.normal(size=(12, 4))
+    size, point = np.array([1.0, 1e-3, 1e-3, 0.1]), np.repeat([0, 1, 2], 4)
+
+    def scores(unit: np.ndarray) -> PointScores:
+        lefts = left * np.outer(unit, unit)
+        normals = NormalEquations(lefts, np.zeros_like(lefts), right * unit)
+        return PointScores.of(normals, point, np.zeros(4), np.eye(4))
+
+    plain, small = scores(np.ones(4)), scores(size)
+    np.testing.assert_allclose(small.noise, plain.noise * np.outer(size, size), rtol=1e-9)
+    np.testing.assert_allclose(small.doubt, plain.doubt)

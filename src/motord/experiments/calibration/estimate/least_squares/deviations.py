@@ -58,9 +58,15 @@ def _pooled(
     What a point of few turns does not tell of its noise the others do: its colour, the covariance
     of scores whitened by the point's own left-hand side, is taken as alike, worth POOLED_FREEDOM
     degrees of freedom. That in turn is shrunk towards its mean over all parameters, so that a few
-    turns that happen to be alike do not make errors small.
+    turns that happen to be alike do not make errors small. Parameters are taken in units in which
+    all points together have the same information of each (1 on the diagonal), as what is seen
+    of gains, offsets (A) and harmonics (Nm) would go with the size of the motor else.
     """
     freedom = np.maximum(turns - 1, 0)
+    information = np.diagonal(left.sum(axis=0))
+    unit = 1 / np.sqrt(np.where(information > 0, information, 1.0))
+    units = np.outer(unit, unit)
+    left, noise = left * units, noise * units
     values, vectors = np.linalg.eigh((left + np.swapaxes(left, 1, 2)) / 2)
     seen = values > SEEN_EIGENVALUE * np.maximum(values[:, -1:], 1e-290)
     scale = np.where(seen, np.sqrt(np.maximum(values, 0)), 0.0)
@@ -78,7 +84,7 @@ def _pooled(
     )
     shared = np.outer(own, 1 - own) / every
     common = np.outer(1 - own, 1 - own) * freedom.sum() / every**2 + shared + shared.T
-    return shrunk, 2 * (np.diag(own**2 / np.maximum(freedom, 1)) + common)
+    return shrunk / units, 2 * (np.diag(own**2 / np.maximum(freedom, 1)) + common)
 
 
 @dataclass(frozen=True)
