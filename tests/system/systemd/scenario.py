@@ -17,7 +17,9 @@ from motord import config
 from motord.client import connect
 
 UNIT = "motord.service"
-SHOWN = ("ActiveState", "SubState", "Result", "NRestarts", "MainPID", "ExecMainStatus", "User")
+SHOWN = (
+    "ActiveState", "SubState", "Result", "NRestarts", "MainPID", "ExecMainStatus", "User", "Job",
+)  # fmt: skip
 OUT = Path("/run/out/facts.json")
 PATIENCE_S = 120.0
 
@@ -89,7 +91,8 @@ def main() -> None:
             if now["NRestarts"] != "0" and now["ActiveState"] == "active":
                 facts["state again"] = state()
                 break
-            if now["ActiveState"] in ("failed", "inactive"):
+            waits = now.get("Job", "0") not in ("", "0")  # for what is to be started before it
+            if now["ActiveState"] in ("failed", "inactive") and not waits:
                 break
             time.sleep(1.0)  # a look costs systemd and systemctl more than the bench meanwhile
         facts["restarted"] = shown()
